@@ -32,6 +32,9 @@ MM_PER_MIN: Final = MM / MINUTE
 HERTZ: Final = math.tau
 """One oscillation a second in rad/s."""
 
+PERCENT: Final = 1e-2
+"""One in a hundred."""
+
 DEGREE: Final = math.pi / 180.0
 """One degree in radians."""
 

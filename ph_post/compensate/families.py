@@ -17,7 +17,8 @@ import numpy as np
 
 from ph_post.compensate import profile, shapes
 from ph_post.compensate.friction import Friction, direct_change, held_change
-from ph_post.compensate.offsets import DWELL, LEAST, make_jog, may_shift, motor_inertia, peaks, whole_jog
+from ph_post.compensate.inverse import motor_inertia
+from ph_post.compensate.offsets import DWELL, LEAST, make_jog, may_shift, peaks, whole_jog
 from ph_post.compensate.profile import stop
 from ph_post.compensate.strategies.registry import TAKE_UP
 from ph_post.compensate.trial import EMPTY, Design, Surroundings

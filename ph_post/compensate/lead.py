@@ -15,6 +15,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from ph_post.drive.cascade import mean_delay, memory_of_inverse
 from ph_post.types import Array, Axis, Machine, Servo, frozen
 
 SHORTEST: Final = 8
@@ -55,7 +56,10 @@ def lead_window(machine: Machine, axes: Sequence[str]) -> LeadWindow | None:
     if unit == 0.0:
         return None
     period = machine.servo_period
-    spacing = max(unit, 0.5 * SHORTEST * period)
+    # The command of a motion that arrives late begins before it, while the motion still rests.
+    cascades = [machine.axes[name].servo.cascade for name in axes]
+    early = max(0.0 if cascade is None else mean_delay(cascade) for cascade in cascades)
+    spacing = max(unit, 0.5 * SHORTEST * period) + 0.5 * early
     return LeadWindow(spacing=spacing, half=max(round(WIDTH * unit / period), SHORTEST))
 
 
@@ -107,8 +111,9 @@ def smoothed(rows: Array, half: int, rests: tuple[bool, bool] = (True, True)) ->
 def unwinding_time(machine: Machine, axes: Sequence[str], feed: float) -> float:
     """Time [s] that integrators take to unwind behind a stop from `feed` [m/s], 0 where there are none.
 
-    An integrator holds c v while the axis moves. Where it is to stop at once, it is commanded back by as much, and
-    less and less as the integrator empties itself: by exp(-k t), k being the slower zero of k_d s² + s + k_i.
+    A cascade's forward paths and integrator are unwound by the zeros of its response. An integrator of a single loop
+    holds c v while the axis moves. Where it is to stop at once, it is commanded back by as much, and less and less as
+    the integrator empties itself: by exp(-k t), k being the slower zero of k_d s² + s + k_i.
 
     Examples
     --------
@@ -119,7 +124,10 @@ def unwinding_time(machine: Machine, axes: Sequence[str], feed: float) -> float:
     longest = 0.0
     for name in axes:
         servo = machine.axes[name].servo
-        if servo.ki_over_kp > 0.0:
+        if servo.cascade is not None:
+            left = (servo.c + servo.b * servo.cascade.integral_rate) * feed
+            longest = max(longest, math.log(max(left / END, 1.0)) * memory_of_inverse(servo.cascade))
+        elif servo.ki_over_kp > 0.0:
             longest = max(longest, math.log(max(servo.c * feed / END, 1.0)) / _slowest(servo))
     return longest
 
@@ -135,7 +143,7 @@ def _slowest(servo: Servo) -> float:
 def let_go(servos: Sequence[Servo], window: LeadWindow, rows: int) -> Array:
     """Part of the lead (rows,) that the rows of a motion which ends at rest have: integrators let go at its end."""
     part = np.ones(rows)
-    if any(servo.ki_over_kp > 0.0 for servo in servos):
+    if any(servo.ki_over_kp > 0.0 or (servo.cascade and memory_of_inverse(servo.cascade)) for servo in servos):
         fall = np.clip((rows - 1.0 - np.arange(rows)) / (LETTING_GO * window.half), 0.0, 1.0)
         part = fall**4 * (35.0 + fall * (-84.0 + fall * (70.0 - 20.0 * fall)))
     return part

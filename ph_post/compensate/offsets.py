@@ -1,17 +1,11 @@
 """Offsets added to the points of the path: inverse dynamics, crossings of the gap, jogs, and lasting offsets.
 
 The command is worked out backwards. The table is to be on the path; this and the crossings give the motion of
-the motor, the motor's motion gives the controller's output, and the output gives the position error that is
-added to the position. For a P controller it is X = x + c ẋ + b ẍ while a side drives the table (Eq. 8 of
-[1]_), and X = x_i + η b (m̈ + β ṁ) while the motor crosses the gap (Eq. 16, in units of the table).
+the motor, and that by the inverse of the servo (:mod:`ph_post.compensate.inverse`) what is added to the position.
 
 A jog is a crossing that a part program can carry: between two dwells, while the path stands still, one axis
 makes a short move of its own. Controllers without a limit of jerk run such a move with straight ramps, which
 is what is written here.
-
-References
-----------
-.. [1] doi:10.1007/s00170-021-08515-z.
 """
 
 from __future__ import annotations
@@ -19,19 +13,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 import numpy as np
 
 from ph_post.compensate.friction import FrictionLead, friction_of_machine
+from ph_post.compensate.inverse import lead_of_crossing, lead_of_motion
 from ph_post.compensate.lead import lead_window, let_go, smoothed
 from ph_post.compensate.limit_curve import axis_limits
 from ph_post.compensate.motion import MotionLaw, cycle_time, sample
 from ph_post.compensate.violations import at_rest_around, command_noise, usage
+from ph_post.drive.cascade import response_time
 from ph_post.geometry.bernstein import derivative, evaluate
 from ph_post.geometry.track import Track
-from ph_post.types import Array, Axis, BoolArray, Command, Crossing, Gap, Jog, Machine, Phase, Plan, Servo, frozen
+from ph_post.types import Array, Axis, BoolArray, Command, Crossing, Gap, Jog, Machine, Phase, Plan, frozen
 from ph_post.units import MM, MM_PER_MIN, MS
 
 DWELL: Final = 10.0 * MS
@@ -104,12 +100,7 @@ def corner_pause(axis: Axis) -> float:
     >>> [round(corner_pause(read_machine(name).axes["X"]), 6) for name in ("stepper", "router")]
     [0.01, 0.0501]
     """
-    return max(DWELL, SETTLED * axis.servo.c)
-
-
-def motor_inertia(axis: Axis) -> float:
-    """Return η b [s²], the position error that a motor alone takes for each m/s² while it crosses the gap."""
-    return (axis.gap.inertia_fraction or 0.0) * axis.servo.b
+    return max(DWELL, SETTLED * response_time(axis.servo))
 
 
 def may_shift(axis: Axis) -> bool:
@@ -306,7 +297,7 @@ def _one_axis(
 
     `led` are the speed and acceleration that are led, through the window.
     """
-    t, servo, gap = command.t, axis.servo, axis.gap
+    t, period = command.t, command.period
     mine = [one for one in offsets.crossings if isinstance(one, Crossing) and one.axis == axis.name]
     motor, fixed = np.zeros((3, t.size)), np.zeros(t.size)
     for one in mine:
@@ -315,19 +306,16 @@ def _one_axis(
         motor[:, begin:met] += travelled(one, t[begin:met])
         motor[0, met:] += one.travel
         fixed[met:end] += pushed(one, t[met:end])
-    if axis.loop.encloses_backlash:
-        crossing = motor_inertia(axis) * (motor[2] + (gap.beta or 0.0) * motor[1])
-    else:
-        # What leads a crossing stays where the path's own lead fades, or it would arrive late.
-        crossing = offsets.lead * (servo.b * motor[2] + servo.c * motor[1])
-        fixed = fixed + offsets.bias.get(axis.name, 0.0) + motor[0]
+    inside, force = axis.loop.encloses_backlash, None
     if offsets.lead and axis.name in offsets.friction.axes:
         # Behind the loop friction is the motor's, which crosses the backlash beside the path.
-        moves = speed if axis.loop.encloses_backlash else speed + motor[1]
-        crossing = crossing + offsets.friction.share(axis.name, moves, t)
-    fixed = fixed + error_for(servo, crossing, command.period)
-    output = servo.b * led[1] + servo.c * led[0]
-    return fixed, error_for(servo, output, command.period) if offsets.lead else np.zeros(t.size)
+        force = offsets.friction.share(axis.name, speed if inside else speed + motor[1], t)
+    if not inside:
+        fixed = fixed + offsets.bias.get(axis.name, 0.0) + motor[0]
+    if inside or offsets.lead:
+        # What leads a crossing stays where the path's own lead fades, or it would arrive late.
+        fixed = fixed + lead_of_crossing(axis, motor[1], motor[2], force, period)
+    return fixed, lead_of_motion(axis, led[0], led[1], period) if offsets.lead else np.zeros(t.size)
 
 
 @lru_cache(maxsize=64)
@@ -371,35 +359,6 @@ def pushed(crossing: Crossing, t: Array) -> Array:
     u = np.clip((t - crossing.start - crossing.duration) / crossing.push_duration, 0.0, 1.0)
     edge = np.clip(np.minimum(u, 1.0 - u) / EDGE, 0.0, 1.0)
     return np.asarray(crossing.push * evaluate(smoothstep(crossing.order)[0], edge))
-
-
-def error_for(servo: Servo, output: Array, period: float) -> Array:
-    """Position error that makes the controller give `output` [m], both sampled.
-
-    Solves (k_d/k_p) ė + e + (k_i/k_p) ∫e = u for e, with u linear between samples; for a P controller e = u.
-    """
-    if servo.ki_over_kp == 0.0 and servo.kd_over_kp == 0.0:
-        return output
-    from scipy.signal import lfilter
-
-    # Before the first sample there was steady motion: the integrator holds all of it, or the error does.
-    steady = 0.0 if servo.ki_over_kp else output[0]
-    return np.asarray(lfilter(*_error_filter(servo, period), output - output[0])) + steady
-
-
-@lru_cache(maxsize=64)
-def _error_filter(servo: Servo, period: float) -> tuple[Array, Array]:
-    """Numerator and denominator of the filter that :func:`error_for` applies to samples."""
-    from scipy.signal import cont2discrete
-
-    numerator, denominator = [1.0, 0.0], [servo.kd_over_kp, 1.0, servo.ki_over_kp]
-    if servo.ki_over_kp == 0.0:
-        numerator, denominator = [1.0], [servo.kd_over_kp, 1.0]
-    elif servo.kd_over_kp == 0.0:
-        denominator = [1.0, servo.ki_over_kp]
-    system: Any = (numerator, denominator)
-    b, a, _ = cont2discrete(system, period, method="foh")
-    return frozen(np.squeeze(b)), frozen(a)
 
 
 def _faded(command: Command, machine: Machine, fixed: Array, added: Sequence[Array]) -> Array:

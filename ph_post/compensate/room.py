@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ph_post.compensate.friction import friction_of_machine, friction_share
+from ph_post.compensate.inverse import lead_of_force, lead_of_motion, lead_when_steady, remembers
 from ph_post.compensate.lead import LeadWindow, let_go, smoothed
 from ph_post.compensate.limit_curve import AxisLimits
 from ph_post.compensate.motion import MotionLaw, row_times
-from ph_post.compensate.offsets import axis_motion, error_for
+from ph_post.compensate.offsets import axis_motion
 from ph_post.compensate.smooth_motion import CELLS, rest_at_stops, smooth_motion
 from ph_post.compensate.violations import ViolationSpans, at_rest_before_and_after, rounding, slower_by
 from ph_post.geometry.numeric import runs
@@ -133,7 +134,7 @@ class LeadRoom:
         """First and last row of the stretches to look at; `near` are places where the motion was."""
         period = self.limits.period
         last = row_times(motion, period).size - 1
-        if near is None or any(axis.servo.ki_over_kp or axis.servo.kd_over_kp for axis in self.drives):
+        if near is None or any(remembers(axis.servo) for axis in self.drives):
             return [(0, last)]
         margin = _WIDE * (self.window.half * period + self.window.spacing)
         places = np.maximum.accumulate(motion.s)
@@ -157,14 +158,14 @@ class LeadRoom:
                 last = moves[np.clip(np.searchsorted(moves, np.arange(len(speed)), side="right") - 1, 0, None)]
                 turned = np.sign(speed[last, k])
                 own = friction_share(self.friction[axis.name], turned, speed[:, k])
-                share[:, k] = error_for(axis.servo, own, self.limits.period)
+                share[:, k] = lead_of_force(axis, own, self.limits.period)
                 turns[1:] |= np.diff(turned) != 0.0
         return share, turns
 
     def _lead(self, speed: Array, acceleration: Array) -> Array:
         """Position errors that make the servos move so, arrays (n, dim)."""
         columns = [
-            error_for(axis.servo, axis.servo.b * acceleration[:, k] + axis.servo.c * speed[:, k], self.limits.period)
+            lead_of_motion(axis, speed[:, k], acceleration[:, k], self.limits.period)
             for k, axis in enumerate(self.drives)
         ]
         return np.asarray(self.part * np.stack(columns, axis=1))
@@ -189,7 +190,7 @@ class LeadRoom:
         paces = np.repeat(feed, tau.size)
         position = self.track.derivatives(*self.track.locate(places))[0]
         speed, acceleration = axis_motion(self.track, places, paces, np.zeros(places.size))
-        lead = [axis.servo.b * acceleration[:, k] + axis.servo.c * speed[:, k] for k, axis in enumerate(self.drives)]
+        lead = [lead_when_steady(axis, speed[:, k], acceleration[:, k]) for k, axis in enumerate(self.drives)]
         command = (position + self.part * np.stack(lead, axis=1)).reshape(s.size, tau.size, -1)
         seen = smoothed(np.moveaxis(command, 1, 0).reshape(tau.size, -1), half)[half:-half]
         worst = np.zeros(s.size)

@@ -1,15 +1,14 @@
 """One axis as a hybrid automaton: which linear equations hold when, and what ends them.
 
-Every mode is linear, ż = A z + B (X, Ẋ, 1, g, ġ, q, q̇, h), in the state z = (x, v, m, w, ∫e) of table, motor
-and integrator; every guard is a linear function of state and inputs that is not negative while its mode
-lasts; every change of mode is linear too. So the engine (:mod:`ph_post.simulate.kernel`) needs to know
+Every mode is linear, ż = A z + B (X, Ẋ, 1, g, ġ, q, q̇, h, f, ḟ), in the state z = (x, v, m, w, ∫e, i) of table,
+motor, integrator and current loop; every guard is a linear function of state and inputs that is not negative while
+its mode lasts; every change of mode is linear too. So the engine (:mod:`ph_post.simulate.kernel`) needs to know
 nothing of drives: it takes exact steps, and finds where a guard changes sign. X is the command, linear
 between samples; g and q are what forces beyond the linear ones resist, likewise, the body that feels friction
-and the motor; h is half the gap where that differs from place to place.
+and the motor; h is half the gap where that differs from place to place; f is what a cascade feeds forward.
 
 A mode is named by its contact, the flank (1, -1; 0 in the gap) on which the motor pushes, by the direction
-in which the body that feels friction moves (0 at rest), and by the side on which the motor's torque is
-saturated (0 where it is not).
+in which the body that feels friction moves (0 at rest), and by what the controller is at, see :class:`Zone`.
 
 References
 ----------
@@ -26,11 +25,14 @@ import numpy as np
 from ph_post.drive.plant import Plant
 from ph_post.types import Array
 
-STATES: Final = 5
-"""x, v of the table, m, w of the motor [m, m/s], and the integral of the error [m s]."""
+STATES: Final = 6
+"""x, v of the table, m, w of the motor [m, m/s], the integral of the error [m s], and what a current loop gives [m]."""
 
-WIDTH: Final = 13
-"""The states, X [m], Ẋ [m/s] and 1, and behind them g [m], ġ [m/s], q [m], q̇ [m/s] and half the gap [m]."""
+WIDTH: Final = 16
+"""The states, X [m], Ẋ [m/s] and 1, behind them g [m], ġ [m/s], q [m], q̇ [m/s] and half the gap [m], and f, ḟ.
+
+f is the acceleration that is fed forward [m/s²].
+"""
 
 NO_GAP: Final = 1e-10
 """A lost motion up to this [m] is none: crossing it takes no time worth following."""
@@ -42,7 +44,34 @@ PLACE_NOISE: Final = 1e-13
 """Lengths, and forces as F/K, up to this [m] are rounding."""
 
 Key = tuple[int, int, int]
-"""Contact, direction, saturation."""
+"""Contact, direction, and the controller's zone."""
+
+
+class Zone(NamedTuple):
+    """What a controller is at: the side on which its torque is saturated, 0 where it is not, and that of a deadband.
+
+    `error` is the side (1, -1) on which the error is beyond the deadband, 0 inside it; without a deadband it is 0.
+    """
+
+    torque: int = 0
+    error: int = 0
+
+    @property
+    def number(self) -> int:
+        """The number that stands for it in a key."""
+        return self.torque + 3 * self.error
+
+    @classmethod
+    def of(cls, number: int) -> Zone:
+        """Return the zone that a number stands for.
+
+        Examples
+        --------
+        >>> all(Zone.of(Zone(t, e).number) == Zone(t, e) for t in (-1, 0, 1) for e in (-1, 0, 1))
+        True
+        """
+        error = (number + 4) // 3 - 1
+        return cls(number - 3 * error, error)
 
 
 class Guard(NamedTuple):
@@ -64,7 +93,9 @@ def unit(index: int) -> Array:
     return row
 
 
-x, v, m, w, integral, X, X_dot, one, g, g_dot, q, q_dot, half_gap = (unit(index) for index in range(WIDTH))
+x, v, m, w, integral, current, X, X_dot, one, g, g_dot, q, q_dot, half_gap, fed, fed_dot = (
+    unit(index) for index in range(WIDTH)
+)
 nothing = np.zeros(WIDTH)
 
 
@@ -77,6 +108,10 @@ class Rows(NamedTuple):
     """Position error [m]."""
     asked: Array
     """The controller's output [m]."""
+    summed: Array
+    """What the integrator sums: the position error, or in a cascade that of the speed by its gain [m]."""
+    given: Array
+    """Rate of what a current loop gives [m/s]."""
 
 
 Motion = dict[str, Array]
@@ -96,7 +131,7 @@ def reset(**rows: Array) -> Array:
     return matrix
 
 
-NAMES: Final = ("x", "v", "m", "w", "integral")
+NAMES: Final = ("x", "v", "m", "w", "integral", "current")
 
 
 class DriveModel(ABC):
@@ -120,12 +155,29 @@ class DriveModel(ABC):
         contacts = (1, -1, 0) if self.open else (1,)
         return [(contact, direction) for contact in contacts for direction in (1, -1, 0)]
 
-    def rows(self, side: int) -> Rows:
-        """Return error and controller output, u = e + (k_i/k_p) ∫e + (k_d/k_p) ė, saturated on a side."""
+    def rows(self, number: int) -> Rows:
+        """Return error and controller output, u = e + (k_i/k_p) ∫e + (k_d/k_p) ė, in the zone of a number.
+
+        A cascade gives u = p + ∫p / T_n + b a f with p = e + (k Ẋ + l f - w) / K_v, where k, l and a are the weights of
+        what is fed forward, and a current loop comes after it by its time constant.
+        """
+        plant, zone = self.plant, Zone.of(number)
         place, speed = self.feedback()
         e = X - place
-        u = e + self.plant.ki * integral + self.plant.kd * (X_dot - speed)
-        return Rows((side * self.plant.saturation * one if side else u) - q, e, u)
+        cascade = plant.cascade
+        if cascade is None:
+            u = e + plant.ki * integral + plant.kd * (X_dot - speed)
+            return Rows((zone.torque * plant.saturation * one if zone.torque else u) - q, e, u, e, nothing)
+        band = cascade.deadband
+        heeded = (nothing if not zone.error else e - zone.error * band * one) if band else e
+        speed = w if cascade.velocity_feedback == "motor" else speed
+        ahead = cascade.velocity_feedforward * X_dot + cascade.acceleration_lead * fed
+        p = heeded + (ahead - speed) / cascade.position_gain
+        u = p + cascade.integral_rate * integral + plant.b * cascade.acceleration_feedforward * fed
+        wanted = zone.torque * plant.saturation * one if zone.torque else u
+        if not cascade.current_time:
+            return Rows(wanted - q, e, u, p, nothing)
+        return Rows(current - q, e, u, p, (wanted - current) / cascade.current_time)
 
     def feedback(self) -> tuple[Array, Array]:
         """Return position and speed of the side that the controller sees."""

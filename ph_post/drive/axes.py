@@ -106,6 +106,19 @@ def referred_to_middle(machine: Machine) -> Machine:
     return replace(machine, axes=axes)
 
 
+def refuse_cascades(machine: Machine, axes: Iterable[str], what: str) -> None:
+    """Refuse a machine of which one of some axes has a cascade; `what` does not know them.
+
+    Raises
+    ------
+    InputError
+    """
+    for name in axes:
+        if name in machine.axes and machine.axes[name].servo.cascade is not None:
+            where = f"{machine.name}: axes.{name}.control.structure"
+            raise InputError(where, f"{what} knows no cascades yet", expected='"single"', got='"cascade"')
+
+
 def sized_machine(machine: Machine, points: Sequence[TurningPoint]) -> Machine:
     """Return a machine to size lasting offsets by: one gap for each axis that is not closed over the table.
 

@@ -16,9 +16,15 @@ from ph_post.drive.automaton import (
     Guard,
     Key,
     Motion,
+    X,
     X_dot,
+    Zone,
+    fed,
+    fed_dot,
+    g,
     g_dot,
     one,
+    q,
     q_dot,
     stay,
 )
@@ -55,37 +61,45 @@ def build_automaton(plant: Plant) -> Automaton:
     Implements section 3.3 of [1]_ for the table in the loop, and a play behind the servo otherwise.
     """
     drive = drive_model(plant)
-    sides = (0, 1, -1) if math.isfinite(plant.saturation) else (0,)
+    band = 0.0 if plant.cascade is None else plant.cascade.deadband
+    torques = (0, 1, -1) if math.isfinite(plant.saturation) else (0,)
+    errors = (0, 1, -1) if band else (0,)
     modes: dict[Key, tuple[Array, list[Guard]]] = {}
-    for side in sides:
+    for zone in (Zone(torque, error) for torque in torques for error in errors):
         for contact, direction in drive.places():
-            key = (contact, direction, side)
-            rows = drive.rows(side)
+            key = (contact, direction, zone.number)
+            rows = drive.rows(zone.number)
             guards = drive.guards(key, rows)
-            if len(sides) > 1:
-                guards += _saturation(plant, key, rows.asked)
+            if len(torques) > 1:
+                guards += _limited(plant.saturation, rows.asked, key, zone.torque, _TORQUE)
+            if band:
+                guards += _limited(band, rows.e, key, zone.error, _ERROR)
             modes[key] = (_rates(drive.motion(key, rows)), guards)
     return _pack(modes, drive.friction_state)
 
 
-def _saturation(plant: Plant, key: Key, u: Array) -> list[Guard]:
-    """Guards at which the motor's torque reaches its limit, or comes back from it."""
-    contact, direction, side = key
-    limit = plant.saturation * one
+_TORQUE, _ERROR = Zone(torque=1).number, Zone(error=1).number
+
+
+def _limited(size: float, row: Array, key: Key, side: int, step: int) -> list[Guard]:
+    """Guards at which a row goes beyond a size, or comes back from there; `step` is the number of that zone."""
+    contact, direction, zone = key
+    limit = size * one
 
     def other(new: int) -> tuple[Key, Key, Key]:
-        return ((contact, direction, new),) * 3
+        return ((contact, direction, zone + step * (new - side)),) * 3
 
     if side:
-        return [Guard(side * u - limit, PLACE_NOISE, other(0), stay())]
-    return [Guard(limit - s * u, PLACE_NOISE, other(s), stay()) for s in (1, -1)]
+        return [Guard(side * row - limit, PLACE_NOISE, other(0), stay())]
+    return [Guard(limit - s * row, PLACE_NOISE, other(s), stay()) for s in (1, -1)]
 
 
 def _rates(motion: Motion) -> Array:
     matrix = np.zeros((WIDTH, WIDTH))
     for name, row in motion.items():
         matrix[NAMES.index(name)] = row
-    matrix[5], matrix[8], matrix[10] = X_dot, g_dot, q_dot
+    for held, row in ((X, X_dot), (g, g_dot), (q, q_dot), (fed, fed_dot)):
+        matrix[int(np.argmax(held))] = row
     return matrix
 
 

@@ -76,7 +76,13 @@ class TableLoop(DriveModel):
 
     def in_gap(self, key: Key, rows: Rows) -> Motion:
         """Rates in the gap."""
-        return {**self.free_table(key[1]), "m": w, "w": self.free_motor(rows), "integral": rows.e}
+        return {
+            **self.free_table(key[1]),
+            "m": w,
+            "w": self.free_motor(rows),
+            "integral": rows.summed,
+            "current": rows.given,
+        }
 
     def gap_guards(self, key: Key) -> list[Guard]:
         """Guards in the gap: the flanks, and the table coming to rest or breaking away."""
@@ -97,9 +103,9 @@ class RigidLoop(TableLoop):
         if not contact:
             return self.in_gap(key, rows)
         if not direction:
-            return {"integral": rows.e}
+            return {"integral": rows.summed, "current": rows.given}
         together = self._acceleration(direction, rows)
-        return {"x": v, "v": together, "m": v, "w": together, "integral": rows.e}
+        return {"x": v, "v": together, "m": v, "w": together, "integral": rows.summed, "current": rows.given}
 
     def _acceleration(self, direction: int, rows: Rows) -> Array:
         return (rows.u - self.plant.c * v - self.resistance(direction, v)) / self.plant.b
@@ -176,7 +182,7 @@ class ElasticLoop(TableLoop):
         if direction:
             resisted = self.table_damping * v + self.resistance(direction, v)
             table = {"x": v, "v": (force - resisted) / self.table_inertia}
-        return {**table, "m": w, "w": motor, "integral": rows.e}
+        return {**table, "m": w, "w": motor, "integral": rows.summed, "current": rows.given}
 
     def guards(self, key: Key, _rows: Rows) -> list[Guard]:
         """Return the guards that end a mode: the spring is slack, or the table stops or breaks away."""
@@ -228,7 +234,7 @@ class PlayBehindServo(DriveModel):
         """Move the motor by its servo, and the table with it or not at all."""
         contact, direction, _ = key
         rate = self._motor(direction, rows)
-        motor = {"m": self.speed if direction else nothing, "w": rate, "integral": rows.e}
+        motor = {"m": self.speed if direction else nothing, "w": rate, "integral": rows.summed, "current": rows.given}
         if self.ideal:
             motor = {"m": X_dot, "w": nothing}
         if not contact:

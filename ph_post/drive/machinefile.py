@@ -24,16 +24,26 @@ from msgspec.structs import replace
 from ph_post.consistency import consistent_value
 from ph_post.dialects.planners import settings_of
 from ph_post.dialects.registry import find_dialect, is_dialect
+from ph_post.drive.cascade import is_stable, most_position_gain
 from ph_post.drive.effects.base import Effect, Parameter, effect_values
 from ph_post.drive.effects.registry import find_effect, is_effect, known_names
 from ph_post.errors import InputError
 from ph_post.files.check import Keys, Refused, checked, one_line, one_of, parse_toml, place, quoted, shown
-from ph_post.files.machine import PLANNER_KEYS, AxisRecord, ControllerRecord, MachineRecord
+from ph_post.files.machine import (
+    CASCADE_KEYS,
+    PLANNER_KEYS,
+    SINGLE_KEYS,
+    AxisRecord,
+    ControllerRecord,
+    ControlRecord,
+    MachineRecord,
+)
 from ph_post.files.storage import SourceText, or_shipped, read_source
 from ph_post.types import (
     MACHINE_AXES,
     USUAL_REFERENCE,
     Axis,
+    Cascade,
     EffectSetting,
     Gap,
     Limits,
@@ -43,7 +53,7 @@ from ph_post.types import (
     Tool,
     Uncertainty,
 )
-from ph_post.units import MM, MS
+from ph_post.units import MM, MS, PERCENT
 
 
 def effect_settings(tables: Sequence[dict[str, Any]], axis: Axis, file: str, keys: Keys) -> tuple[EffectSetting, ...]:
@@ -122,6 +132,7 @@ def _check_plain(value: Any, file: str, keys: Keys) -> None:
 
 
 _LEAD = MM / math.tau
+_POSITION_GAINS = (("position_gain_per_s", 1.0), ("position_gain_m_per_min_mm", 1e3 / 60.0))
 _MOTOR = (
     ("inertia_kg_m2", "J"),
     ("damping_kg_m2_s", "B"),
@@ -258,14 +269,11 @@ def _axis(name: str, record: AxisRecord, file: str) -> Axis:
     given = _Given(name, record, file)
     ratio = given.either(("gear_ratio", 1.0), ("N", 1.0))
     travel = given.either(("travel_per_rad_mm", MM), ("screw_lead_mm", _LEAD), ("r", 1.0))
-    motor = _motor(given, ratio, travel)
-    b, c = _coefficients(given, motor)
     gap = _gap(given, ratio, travel)
-    _check_damping(given, b, c)
     axis = Axis(
         name=name,
         feedback=record.feedback,
-        servo=_servo(given, b, c, motor.stiffness),
+        servo=_loop(given, ratio, travel),
         gap=gap,
         limits=Limits(
             velocity=record.max_velocity_mm_s * MM,
@@ -316,6 +324,83 @@ def _coefficients(given: _Given, motor: _MotorConstants) -> tuple[float, float]:
         wanted = f"b [s²] and c [s] of Eq. (9), or J, B, k_p, k_a, k_t, N and r{ideal}"
         raise given.missing("b" if b is None else "c", wanted)
     return b, c
+
+
+def _loop(given: _Given, ratio: float | None, travel: float | None) -> Servo:
+    """Take a single loop or a cascade; the keys of one have no place in the other."""
+    control = given.record.control
+    if control is not None and control.structure == "cascade":
+        return _cascaded(given, control)
+    default = ControlRecord()
+    for key in CASCADE_KEYS if control is not None else ():
+        if getattr(control, key) != getattr(default, key):
+            raise given.refuse(f"control.{key}", "a single loop has no such key", 'structure = "cascade"')
+    motor = _motor(given, ratio, travel)
+    b, c = _coefficients(given, motor)
+    _check_damping(given, b, c)
+    return _servo(given, b, c, motor.stiffness)
+
+
+_OF_SINGLE = ("b", "c", *(key for pair in _MOTOR for key in pair))
+
+
+def _cascaded(given: _Given, control: ControlRecord) -> Servo:
+    """Take the gains of a cascade, and check that it settles.
+
+    b = 1 / (ω_v K_v) is the inertia in units of the position error, and the motor's own damping, η b / τ where the file
+    has both, that of the axis.
+    """
+    record = given.record
+    if not record.loop.has_controller:
+        raise given.refuse("control", "an open loop has no controller", 'no such table, or feedback "load" or "motor"')
+    if record.max_motor_acceleration_rad_s2 is not None and record.loop.encloses_backlash:
+        raise given.refuse("max_motor_acceleration_rad_s2", "is not checked with a cascade yet", "no such key")
+    for key in _OF_SINGLE:
+        if getattr(record, key) is not None:
+            raise given.refuse(key, "a cascade has its own gains", "[axes.X.control] alone".replace("X", given.name))
+    for key in SINGLE_KEYS:
+        if getattr(control, key):
+            raise given.refuse(f"control.{key}", "a cascade has no such gain", "velocity_integral_time_ms")
+    gains = [(key, getattr(control, key)) for key, _ in _POSITION_GAINS]
+    position_gain = given.agreed(
+        *((f"control.{key}", None if value is None else value * dict(_POSITION_GAINS)[key]) for key, value in gains)
+    )
+    if position_gain is None:
+        raise given.missing("control.position_gain_per_s", "K_v, in 1/s or as position_gain_m_per_min_mm")
+    if control.velocity_gain_per_s is None:
+        raise given.missing("control.velocity_gain_per_s", "gain of the velocity loop by the inertia: its bandwidth")
+    if record.loop.encloses_backlash is False and control.velocity_feedback == "load":
+        raise given.refuse("control.velocity_feedback", "nothing reads the table", '"motor"', '"load"')
+    cascade = Cascade(
+        position_gain=position_gain,
+        velocity_gain=control.velocity_gain_per_s,
+        integral_rate=0.0
+        if control.velocity_integral_time_ms is None
+        else 1.0 / (control.velocity_integral_time_ms * MS),
+        velocity_feedforward=control.velocity_feedforward_percent * PERCENT,
+        acceleration_feedforward=control.acceleration_feedforward_percent * PERCENT,
+        acceleration_lead=control.acceleration_lead_ms * MS,
+        velocity_feedback=control.velocity_feedback or "motor",
+        current_time=0.0 if control.current_bandwidth_hz is None else 1.0 / (math.tau * control.current_bandwidth_hz),
+        deadband=control.deadband_mm * MM,
+        dead_time=control.dead_time_ms * MS,
+        moving_average=control.moving_average_ms * MS,
+        exponential=control.exponential_filter_ms * MS,
+        shaper_frequency=0.0 if control.zv_frequency_hz is None else math.tau * control.zv_frequency_hz,
+        shaper_damping=control.zv_damping,
+    )
+    b = 1.0 / (cascade.velocity_gain * position_gain)
+    tau = record.motor_time_constant_s
+    damping = 0.0 if tau is None else (record.inertia_fraction or 1.0) * b / tau
+    stiffness = given.either(("servo_stiffness_n_per_mm", 1.0 / MM))
+    servo = Servo(b=b, c=damping + 1.0 / position_gain, stiffness=stiffness, cascade=cascade)
+    if not is_stable(servo):
+        key = next(key for key, value in gains if value is not None)
+        unit = dict(_POSITION_GAINS)[key]
+        most = most_position_gain(servo) / unit
+        lower = f"< {most:.4g}" if most > 0.0 else "a slower velocity_gain_per_s, or a quicker current_bandwidth_hz"
+        raise given.refuse(f"control.{key}", "the cascade is unstable", lower, f"{position_gain / unit:g}")
+    return servo
 
 
 def _servo(given: _Given, b: float, c: float, stiffness: float | None) -> Servo:

@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.types import LOOPS, Array, Axis, Feedback, Loop, Pickup, Scenario
+from ph_post.types import LOOPS, Array, Axis, Cascade, Feedback, Loop, Pickup, Scenario
 
 Force = Callable[[float, float, float, float], float]
 """A force that resists motion, F/K [m].
@@ -78,6 +78,8 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
         Eq. (9): [s²], [s]. Both 0 for an ideal stepper.
     ki, kd : float
         k_i/k_p [1/s], k_d/k_p [s].
+    cascade : Cascade, optional
+        In place of these; c is then the axis' own damping alone.
     eta, beta : float
         The motor's part of the inertia, and its own decay rate [1/s]; used with feedback `load` only.
     gap : float
@@ -122,6 +124,7 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
     c: float
     ki: float = 0.0
     kd: float = 0.0
+    cascade: Cascade | None = None
     eta: float = 0.5
     beta: float = 0.0
     gap: float = 0.0
@@ -168,9 +171,10 @@ def base_plant(axis: Axis, scenario: Scenario) -> Plant:
     return Plant(
         feedback=axis.feedback,
         b=axis.servo.b,
-        c=axis.servo.c,
+        c=axis.servo.damping,
         ki=axis.servo.ki_over_kp,
         kd=axis.servo.kd_over_kp,
+        cascade=axis.servo.cascade,
         eta=min(eta / scenario.gain, 1.0),
         beta=(gap.beta or 0.0) * scenario.beta,
         gap=gap.lost_motion * scenario.gap,

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from ph_post.compensate.offsets import DWELL, corner_pause, make_jog
 from ph_post.dialects.base import Dialect
 from ph_post.dialects.planners import planner_of
+from ph_post.drive.cascade import response_time
 from ph_post.edit.beams import BeamGuard
 from ph_post.edit.block_words import words_by_letter
 from ph_post.edit.crossing_shapes import (
@@ -186,7 +187,7 @@ class CrossingSearch:
         """Speeds of arcs not to be passed faster in parts [m/s], (m,): motors that lag would leave the path."""
         motions = self._program.motions
         nothing = np.full(motions.kind.size, math.inf)
-        lags = any(self._machine.axes[name].servo.c >= SHORT_LAG for name in self._sides)
+        lags = any(response_time(self._machine.axes[name].servo) >= SHORT_LAG for name in self._sides)
         if isinstance(self._planner, ExactPath) or not lags:
             return nothing
         return np.where(motions.kind == ARC, planned_speeds(self._program, self._machine), nothing)
@@ -341,7 +342,8 @@ class CrossingSearch:
         shapes = [self._shapes.get(name, none) for name in AXES]
         wait = np.array([one.wait for one in shapes])[spots.column]
         crossing = np.array([one.first for one in shapes])[spots.column]
-        lag = np.array([self._machine.axes[n].servo.c if n in self._machine.axes else 0.0 for n in AXES])[spots.column]
+        axes = self._machine.axes
+        lag = np.array([response_time(axes[n].servo) if n in axes else 0.0 for n in AXES])[spots.column]
         # No block is shorter than a machine can tell.
         wait = np.maximum(wait, SHORTEST / np.maximum(spots.feed, 1e-12))
         behind = np.minimum(motion + 1, motions.kind.size - 1)
@@ -447,20 +449,20 @@ class CrossingSearch:
             speed, feed = spots.window[chords, 2], spots.feed[chords]
             way = spots.window[chords, 1] - spots.window[chords, 0]
             cost[chords] = (feed - speed) ** 2 / (feed * self._push) + way / speed - way / feed
-            cost[far] += 2.0 * out + 2.0 * SETTLING * axis.servo.c
+            cost[far] += 2.0 * out + 2.0 * SETTLING * response_time(axis.servo)
         return spots.column, spots.rows[:, MOTION].astype(np.int64), cost
 
     @staticmethod
     def _pause(axis: Axis, coarser: float) -> float:
         """Rest before and behind a jog [s]: where the motor lags, until it has arrived; none where time is short."""
-        return corner_pause(axis) if axis.servo.c > 0.0 and coarser == 1.0 else 0.0
+        return corner_pause(axis) if response_time(axis.servo) > 0.0 and coarser == 1.0 else 0.0
 
     def _arrivals(self, rows: Array, axis: Axis) -> Array:
         """Rests behind jogs (n,) [s]: between a rapid and a cut, until a motor that lags has arrived."""
         motion, kind = rows[:, MOTION].astype(np.int64), self._program.motions.kind
         cuts = (kind[motion] == RAPID) & (np.append(kind, RAPID)[motion + 1] != RAPID)
         waits = cuts & (rows[:, SHARE] == 1.0) & (rows[:, SIGN] != 0.0)
-        return np.asarray(np.where(waits, SETTLING * axis.servo.c, 0.0))
+        return np.asarray(np.where(waits, SETTLING * response_time(axis.servo), 0.0))
 
     def plan(
         self, changes: Mapping[str, Array], coarser: float
@@ -596,7 +598,7 @@ class CrossingSearch:
             before=before,
             after=after,
             shape=shape,
-            lag=self._machine.axes[name].servo.c,
+            lag=response_time(self._machine.axes[name].servo),
             feed=feed,
             calm=bool(spots.calm[n]),
             blend=float(spots.blend[n]),
@@ -619,7 +621,7 @@ class CrossingSearch:
             pause = max(pause, DWELL)
         elif behind_rapid and (spots.first[n] or row[BEYOND] == 1.0) and sign != 0.0:
             # A motor that lags has to be there before it is called back.
-            pause, velocity, beyond = SETTLING * axis.servo.c, 0.0, self._overshoot[name]
+            pause, velocity, beyond = SETTLING * response_time(axis.servo), 0.0, self._overshoot[name]
             named = name in words_by_letter(self._program, int(self._program.motions.block[motion]))
             if name == "Z" and sign > 0.0:
                 # A tool is never sent below the height that is programmed: from above onto a side, then through it.
@@ -665,8 +667,8 @@ def _settled(axis: Axis) -> float:
 
     It is a c² away from where the command comes to rest with the acceleration a.
     """
-    servo = axis.servo
-    return servo.c * math.log(max(axis.limits.acceleration * servo.c**2 / RESIDUE, 1.0))
+    lag = response_time(axis.servo)
+    return lag * math.log(max(axis.limits.acceleration * lag**2 / RESIDUE, 1.0))
 
 
 def _regions(program: PartProgram) -> IntArray:

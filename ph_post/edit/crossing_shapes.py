@@ -30,11 +30,12 @@ from msgspec.structs import replace
 
 from ph_post.compiling import compiled, inner
 from ph_post.dialects.planners import planner_of
+from ph_post.drive.cascade import response_time, way_of_motor
 from ph_post.gcode.program import ARC, AXES, CUBIC, PartProgram, plane_columns
 from ph_post.simulate.controllers.junctions import junction_speed
 from ph_post.simulate.controllers.legs import ACROSS
 from ph_post.simulate.controllers.run import limit_table
-from ph_post.types import Array, Axis, ExactPath, Machine
+from ph_post.types import Array, Axis, ExactPath, Machine, Servo
 from ph_post.units import MM
 
 TIGHT: Final = 5.0 * MM
@@ -317,9 +318,9 @@ def stair(up: int, down: int, travel: float, before: float, after: float) -> tup
 def crossing_shape(axis: Axis, first: float, rounding: float) -> CrossingShape:
     """Return the shortest crossing of an axis' backlash.
 
-    The motor's way is that of the command through 1/(b s² + c s + 1). Of the crossings that change the offset in
-    `first` or longer, and come back from beyond in as long, the shortest is taken that leaves no more than
-    :data:`RESIDUE`, goes no more beyond than :data:`BEYOND`, and turns no more sharply than one in `first`.
+    The motor's way is that of the command through 1/(b s² + c s + 1), or through its cascade. Of the crossings that
+    change the offset in `first` or longer, and come back from beyond in as long, the shortest is taken that leaves no
+    more than :data:`RESIDUE`, goes no more beyond than :data:`BEYOND`, and turns no more sharply than one in `first`.
 
     Parameters
     ----------
@@ -330,22 +331,20 @@ def crossing_shape(axis: Axis, first: float, rounding: float) -> CrossingShape:
     rounding : float
         Time for which the table waits longer as the controller rounds the joints [s].
     """
-    servo = axis.servo
-    if servo.c < SHORT_LAG:
+    lag = response_time(axis.servo)
+    if lag < SHORT_LAG:
         return CrossingShape(first=first, wait=first + rounding)
-    part, beyond = _behind_lag(servo.b, servo.c, axis.gap.lost_motion, first)
+    part, beyond = _behind_lag(axis.servo, axis.gap.lost_motion, first)
     return CrossingShape(first=part, wait=2.0 * part + rounding, beyond=beyond)
 
 
 @lru_cache(maxsize=64)
-def _behind_lag(b: float, c: float, lost: float, first: float) -> tuple[float, float]:
+def _behind_lag(servo: Servo, lost: float, first: float) -> tuple[float, float]:
     """Return how long the offset changes [s], and by which part it goes beyond; a program is planned several times."""
-    from scipy.signal import lsim
-
-    system = ([1.0], [b, c, 1.0]) if b > 0.0 else ([1.0], [c, 1.0])
-    for part in np.geomspace(max(first, 0.5 * c), max(first, 0.5 * c) + 8.0 * c, TRIALS):
-        t = np.linspace(0.0, 2.0 * part + 6.0 * c, 4 * TRIALS)
-        out, back = (lsim(system, np.clip((t - begin) / part, 0.0, 1.0), t)[1] for begin in (0.0, part))
+    lag = response_time(servo)
+    for part in np.geomspace(max(first, 0.5 * lag), max(first, 0.5 * lag) + 8.0 * lag, TRIALS):
+        t = np.linspace(0.0, 2.0 * part + 6.0 * lag, 4 * TRIALS)
+        out, back = (way_of_motor(servo, np.clip((t - begin) / part, 0.0, 1.0), t[1]) for begin in (0.0, part))
         behind = t >= 2.0 * part
         rest, way = 1.0 - out[behind], (out - back)[behind]
         beyond = float(np.clip((rest * way).sum() / max((way * way).sum(), 1e-30), 0.0, BEYOND))

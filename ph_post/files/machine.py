@@ -335,11 +335,41 @@ PLANNER_KEYS: Final[Mapping[str, tuple[str, float]]] = {
 """Key of ``[controller]`` and its unit in SI, by the field of :class:`ph_post.types.planner.PlannerSettings`."""
 
 
-class ControlRecord(MachineTableRecord, frozen=True, kw_only=True):
-    """``[axes.X.control]``: the gains of a PI or PID loop, relative to the proportional gain."""
+Bandwidth = Annotated[float, msgspec.Meta(gt=0, le=1e5)]
+Weight = Annotated[float, msgspec.Meta(ge=0, le=200)]
+Late = Annotated[float, msgspec.Meta(ge=0, le=1000)]
 
+
+class ControlRecord(MachineTableRecord, frozen=True, kw_only=True):
+    """``[axes.X.control]``: the gains of a PI or PID loop, relative to the proportional gain, or those of a cascade."""
+
+    structure: Literal["single", "cascade"] = "single"
     ki_over_kp_per_s: NotNegative = 0.0
     kd_over_kp_s: NotNegative = 0.0
+    # a cascade: its loops
+    position_gain_per_s: Bandwidth | None = None
+    position_gain_m_per_min_mm: Bandwidth | None = None
+    velocity_gain_per_s: Bandwidth | None = None
+    velocity_integral_time_ms: Annotated[float, msgspec.Meta(gt=0, le=1e5)] | None = None
+    velocity_feedback: Literal["motor", "load"] | None = None
+    current_bandwidth_hz: Annotated[float, msgspec.Meta(ge=1, le=1e5)] | None = None
+    deadband_mm: NotNegative = 0.0
+    # what goes before them
+    velocity_feedforward_percent: Weight = 0.0
+    acceleration_feedforward_percent: Weight = 0.0
+    acceleration_lead_ms: Annotated[float, msgspec.Meta(ge=-1000, le=1000)] = 0.0
+    dead_time_ms: Late = 0.0
+    moving_average_ms: Late = 0.0
+    exponential_filter_ms: Late = 0.0
+    zv_frequency_hz: Annotated[float, msgspec.Meta(ge=0.5, le=1e4)] | None = None
+    zv_damping: Annotated[float, msgspec.Meta(ge=0, lt=1)] = 0.0
+
+
+SINGLE_KEYS: Final = ("ki_over_kp_per_s", "kd_over_kp_s")
+"""Keys of ``[axes.X.control]`` that a cascade has not."""
+
+CASCADE_KEYS: Final = tuple(name for name in ControlRecord.__struct_fields__ if name not in ("structure", *SINGLE_KEYS))
+"""Keys of ``[axes.X.control]`` that only a cascade has."""
 
 
 class AxisRecord(MachineTableRecord, frozen=True, kw_only=True):

@@ -15,6 +15,7 @@ import numpy as np
 from msgspec.structs import replace
 from scipy.ndimage import gaussian_filter1d
 
+from ph_post.drive.axes import refuse_cascades
 from ph_post.drive.plant import Plant
 from ph_post.errors import InputError
 from ph_post.identify.direct_readings import (
@@ -233,6 +234,8 @@ def identify(
     InputError
         Where the log shows no parameter at all, or contradicts what was given.
     """
+    if machine is not None:
+        refuse_cascades(machine, log.axes, "identify")
     progress("checking the log")
     draft = starting_machine(log, machine, feedback or {}, transmission or {})
     log = excerpt(log, draft.machine)

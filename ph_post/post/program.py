@@ -16,6 +16,7 @@ import numpy as np
 from ph_post.compensate.offsets import APPROACH_FEED, LEAST_APPROACH, approach_distance, corner_pause, may_shift
 from ph_post.dialects.base import Dialect
 from ph_post.drive.axes import side_offsets, sized_machine
+from ph_post.drive.cascade import response_time
 from ph_post.errors import InputError
 from ph_post.gcode.blocks import DWELL, JOG, Moves, TrackShape
 from ph_post.gcode.program import plane_of
@@ -229,7 +230,7 @@ class _Job:
     def _wait(self) -> None:
         """Let the motors that lag behind arrive before the path leaves its start."""
         drives = [drive for axis in self.axes if (drive := self.plan.machine.axes.get(axis)) is not None]
-        late = [drive for drive in drives if may_shift(drive) and drive.servo.c > 0.0]
+        late = [drive for drive in drives if may_shift(drive) and response_time(drive.servo) > 0.0]
         if late:
             self.out.write_dwell(max(map(corner_pause, late)))
 

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compiling import read_only
+from ph_post.drive.cascade import time_constant as servo_time
 from ph_post.errors import InputError
 from ph_post.geometry.track import Track
 from ph_post.simulate.cells import EPS, cut_path, make_cells
@@ -146,8 +147,7 @@ class Nominal:
 
 def time_constant(machine: Machine, axes: Sequence[str]) -> float:
     """Servo time constant 2b/c of the slowest of `axes` [s]; 0 for ideal steppers."""
-    servos = [machine.axes[name].servo for name in axes]
-    return max(2.0 * servo.b / servo.c if servo.c > 0.0 else 0.0 for servo in servos)
+    return max(servo_time(machine.axes[name].servo) for name in axes)
 
 
 def settling_time(machine: Machine, axes: Sequence[str]) -> float:

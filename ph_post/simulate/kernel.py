@@ -38,13 +38,23 @@ BEND: Final = 4.0 / 27.0
 SETTLED: Final = 60
 """Most rounds in which the table is found behind a gap, as in :mod:`ph_post.drive.plant`."""
 
-PLAIN: Final = 8
-"""States and inputs of an axis without forces and with one gap: its other inputs are 0."""
+SIMPLE: Final = 5
+"""States of an axis without a current loop."""
+
+PLAIN: Final = STATES + 3
+"""Columns up to those that an axis has without forces and with one gap."""
+
+USUAL: Final = STATES + 8
+"""Columns up to those that an axis has without a cascade."""
+
+FORCES, FEW, ALL = 0, 1, 2
+"""Which columns of a row are not 0: those without a current loop and what is fed forward; these without forces; all."""
 
 
 Column = IntEnum(
     "Column",
-    "TABLE TABLE_SPEED MOTOR MOTOR_SPEED INTEGRAL COMMAND COMMAND_RATE ONE G G_RATE Q Q_RATE HALF_GAP F F_RATE",
+    "TABLE TABLE_SPEED MOTOR MOTOR_SPEED INTEGRAL CURRENT COMMAND COMMAND_RATE ONE G G_RATE Q Q_RATE HALF_GAP "
+    "FED FED_RATE F F_RATE",
     start=0,
 )
 """Columns of a row: states and inputs as :mod:`ph_post.drive.automaton` has them, and F, the part of g from outside."""
@@ -57,7 +67,9 @@ TABLE, PLAY, SPRING = 0, 1, 2
 
 @inner
 def _square(d: Array, into: Array) -> None:
-    for i in range(WIDTH):
+    """Square D; its rows of the inputs, which only run on, have none."""
+    into[:] = 0.0
+    for i in range(STATES):
         for j in range(WIDTH):
             total = 0.0
             for k in range(WIDTH):
@@ -126,7 +138,7 @@ class ModeTables(NamedTuple):
     `tables` are those of :func:`step_tables`, `slopes` the guards' rates of change; `static` [m] and `scale`
     [m/s] those of :func:`stribeck`, `waves` (waves, 3) those of :func:`cogging`. `gap` (6,) is that of
     :func:`half_gap`, (0,) where it is the same everywhere; `holds` and `contacts` (modes,) say how the two
-    sides are placed then. `plain` says that no further force acts, and that the gap is the same everywhere;
+    sides are placed then. `filled` says which columns are not 0;
     `level` is into how many parts, as a power of 2, a sample is cut where forces of the state act.
     """
 
@@ -145,28 +157,41 @@ class ModeTables(NamedTuple):
     gap: Array
     holds: int
     contacts: IntArray
-    plain: bool
+    filled: int
     level: int
 
 
 @inner
-def _step(table: Array, y: Array, length: float, into: Array, plain: bool) -> None:
+def _step(table: Array, y: Array, length: float, into: Array, filled: int) -> None:
     """Advance state and inputs by `length` [s], of which `table` is D."""
     into[Column.COMMAND] = y[Column.COMMAND] + length * y[Column.COMMAND_RATE]
     into[Column.COMMAND_RATE] = y[Column.COMMAND_RATE]
     into[Column.ONE] = 1.0
-    if plain:
-        for i in range(STATES):
+    if filled == FEW:
+        for i in range(SIMPLE):
             total = y[i]
-            for j in range(PLAIN):
+            for j in range(SIMPLE):
+                total += table[i, j] * y[j]
+            for j in range(STATES, PLAIN):
                 total += table[i, j] * y[j]
             into[i] = total
         return
-    for i in range(STATES):
-        total = y[i]
-        for j in range(WIDTH):
-            total += table[i, j] * y[j]
-        into[i] = total
+    if filled == ALL:
+        for i in range(STATES):
+            total = y[i]
+            for j in range(WIDTH):
+                total += table[i, j] * y[j]
+            into[i] = total
+        into[Column.FED] = y[Column.FED] + length * y[Column.FED_RATE]
+        into[Column.FED_RATE] = y[Column.FED_RATE]
+    else:
+        for i in range(SIMPLE):
+            total = y[i]
+            for j in range(SIMPLE):
+                total += table[i, j] * y[j]
+            for j in range(STATES, USUAL):
+                total += table[i, j] * y[j]
+            into[i] = total
     into[Column.G] = y[Column.G] + length * y[Column.G_RATE]
     into[Column.G_RATE] = y[Column.G_RATE]
     into[Column.Q] = y[Column.Q] + length * y[Column.Q_RATE]
@@ -177,23 +202,29 @@ def _step(table: Array, y: Array, length: float, into: Array, plain: bool) -> No
 
 
 @inner
-def _value(rows: Array, mode: int, number: int, y: Array, plain: bool) -> float:
+def _value(rows: Array, mode: int, number: int, y: Array, filled: int) -> float:
     """Return the value at a state of a row of the guards or of their slopes."""
     total = 0.0
-    if plain:
-        for j in range(PLAIN):
+    if filled == ALL:
+        for j in range(WIDTH):
             total += rows[mode, number, j] * y[j]
         return total
-    for j in range(WIDTH):
+    for j in range(SIMPLE):
+        total += rows[mode, number, j] * y[j]
+    if filled == FEW:
+        for j in range(STATES, PLAIN):
+            total += rows[mode, number, j] * y[j]
+        return total
+    for j in range(STATES, USUAL):
         total += rows[mode, number, j] * y[j]
     return total
 
 
 @inner
-def _first_broken(guards: Array, noise: Array, count: int, mode: int, y: Array, plain: bool) -> int:
+def _first_broken(guards: Array, noise: Array, count: int, mode: int, y: Array, filled: int) -> int:
     """Return the first of a mode's guards that does not hold, or -1."""
     for number in range(count):
-        if _value(guards, mode, number, y, plain) < -noise[mode, number]:
+        if _value(guards, mode, number, y, filled) < -noise[mode, number]:
             return number
     return -1
 
@@ -201,7 +232,7 @@ def _first_broken(guards: Array, noise: Array, count: int, mode: int, y: Array, 
 @inner
 def _broken(modes: ModeTables, mode: int, y: Array) -> int:
     """Return the first guard of a mode that does not hold, or -1."""
-    return _first_broken(modes.guards, modes.noise, modes.counts[mode], mode, y, modes.plain)
+    return _first_broken(modes.guards, modes.noise, modes.counts[mode], mode, y, modes.filled)
 
 
 @inner
@@ -236,13 +267,13 @@ def _may_dip(
     y: Array,
     after: Array,
     length: float,
-    plain: bool,
+    filled: int,
 ) -> bool:
     """Return whether a guard breaks at an end or between both, going by the cubic through them."""
     for number in range(count):
-        before, last = _value(guards, mode, number, y, plain), _value(guards, mode, number, after, plain)
-        falls = length * _value(slopes, mode, number, y, plain)
-        rises = length * _value(slopes, mode, number, after, plain)
+        before, last = _value(guards, mode, number, y, filled), _value(guards, mode, number, after, filled)
+        falls = length * _value(slopes, mode, number, y, filled)
+        rises = length * _value(slopes, mode, number, after, filled)
         room = min(before, last) + noise[mode, number]
         # A slope of one at an end bends the cubic by no more than that: most guards are far away.
         if room >= BEND * (max(-falls, 0.0) + max(rises, 0.0)):
@@ -269,6 +300,7 @@ def _set_force(
     waves: Array,
     step: Array,
     length: float,
+    filled: int,
 ) -> None:
     """Let g and q run linearly over a step.
 
@@ -282,7 +314,7 @@ def _set_force(
     if waved:
         first = cogging(y[Column.MOTOR], waves)
         y[Column.Q], y[Column.Q_RATE] = first, 0.0
-    _step(step, y, length, trial, False)
+    _step(step, y, length, trial, filled)
     last = stribeck(trial[moving], direction, static, scale) + trial[Column.F]
     y[Column.G_RATE] = (last - y[Column.G]) / length
     if waved:
@@ -307,8 +339,9 @@ def _attempt(y: Array, trial: Array, mode: int, modes: ModeTables, step: Array, 
             modes.waves,
             step,
             length,
+            modes.filled,
         )
-    _step(step, y, length, trial, modes.plain)
+    _step(step, y, length, trial, modes.filled)
     return _broken(modes, mode, trial)
 
 
@@ -425,7 +458,7 @@ def _go_on(
                 y,
                 trial,
                 length,
-                modes.plain,
+                modes.filled,
             )
         ):
             _accept(y, trial)
@@ -447,6 +480,12 @@ def _push(y: Array, force: Array, k: int, period: float) -> None:
 
 
 @inner
+def _feed(y: Array, fed: Array, k: int, period: float) -> None:
+    """Set the acceleration that is fed forward for the sample that begins at k."""
+    y[Column.FED], y[Column.FED_RATE] = fed[k], (fed[k + 1] - fed[k]) / period
+
+
+@inner
 def _cruise(
     y: Array,
     trial: Array,
@@ -455,6 +494,7 @@ def _cruise(
     command: Array,
     period: float,
     force: Array,
+    fed: Array,
     k: int,
     table: Array,
     motor: Array,
@@ -473,17 +513,19 @@ def _cruise(
     level = modes.level
     step, parts, length = modes.tables[mode, level], 1 << level, period / (1 << level)
     guards, slopes, noise, count = modes.guards, modes.slopes, modes.noise, modes.counts[mode]
-    plain, waves, static, scale = modes.plain, modes.waves, modes.static, modes.scale
+    filled, waves, static, scale = modes.filled, modes.waves, modes.static, modes.scale
     moving, direction = modes.moving, modes.directions[mode]
     while k < command.size - 1:
         _begin(y, command, k, period)
         if pushed:
             _push(y, force, k, period)
+        if fed.size > 0:
+            _feed(y, fed, k, period)
         for part in range(parts):
             if forced:
-                _set_force(y, trial, moving, direction, static, scale, waves, step, length)
-            _step(step, y, length, trial, plain)
-            if _may_dip(guards, slopes, noise, count, mode, y, trial, length, plain):
+                _set_force(y, trial, moving, direction, static, scale, waves, step, length, filled)
+            _step(step, y, length, trial, filled)
+            if _may_dip(guards, slopes, noise, count, mode, y, trial, length, filled):
                 return k, whole - part * (whole >> level)
             _accept(y, trial)
         k += 1
@@ -501,6 +543,7 @@ def advance(
     mode: int,
     modes: ModeTables,
     force: Array,
+    fed: Array,
     table: Array,
     motor: Array,
 ) -> tuple[int, Array, IntArray]:
@@ -518,6 +561,8 @@ def advance(
     modes : ModeTables
     force : Array, shape (n,) or (0,)
         Further force on the body that feels friction, linear between samples, F/K [m]; (0,) is none.
+    fed : Array, shape (n,) or (0,)
+        Acceleration that a cascade feeds forward, linear between samples [m/s²]; (0,) is none.
     table, motor : Array, shape (n,)
         Receive x and m [m].
 
@@ -538,7 +583,7 @@ def advance(
         y[Column.HALF_GAP] = half_gap(y[Column.TABLE], modes.gap)
     whole = 1 << LEVELS
     table[0], motor[0] = y[Column.TABLE], y[Column.MOTOR]
-    k, left = _cruise(y, trial, mode, modes, command, period, force, 0, table, motor)
+    k, left = _cruise(y, trial, mode, modes, command, period, force, fed, 0, table, motor)
     while left > 0:
         changes = 0
         while left > 0:
@@ -556,7 +601,7 @@ def advance(
         if modes.gap.size > 0:
             _follow(modes, mode, y)
         table[k + 1], motor[k + 1] = y[Column.TABLE], y[Column.MOTOR]
-        k, left = _cruise(y, trial, mode, modes, command, period, force, k + 1, table, motor)
+        k, left = _cruise(y, trial, mode, modes, command, period, force, fed, k + 1, table, motor)
     for i in range(STATES):
         z[i] = y[i]
     return mode, instants[:count], log[:count]

@@ -15,12 +15,13 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compiling import read_only
-from ph_post.drive.automaton import STATES, Key
+from ph_post.drive.automaton import STATES, Key, Zone
+from ph_post.drive.cascade import arriving
 from ph_post.drive.effects.active import plant_of
 from ph_post.drive.hybrid import Automaton, build_automaton
 from ph_post.drive.plant import TRUE_READING, Plant, delayed, force_on, gap_at, read_table, referred_table, table_behind
 from ph_post.simulate import kernel
-from ph_post.simulate.slow import SlowAxis, level_for, modes_of
+from ph_post.simulate.slow import SlowAxis, filled_columns, level_for, modes_of
 from ph_post.types import Array, Axis, Command, Event, EventKind, IntArray, Machine, Run, Scenario, sealed
 
 STANDSTILL: Final = 1e-9
@@ -210,17 +211,23 @@ def run_plant(trace: AxisCommand, plant: Plant, flank: int, period: float) -> tu
     """
     linear = replace(plant, forces=(), cutting=(), reading=TRUE_READING)
     automaton = build_automaton(linear)
-    command = read_only(delayed(trace.position, plant.command_delay / period))
-    z, first = _start(trace, plant, automaton, flank)
+    sent = delayed(trace.position, plant.command_delay / period)
+    cascade = plant.cascade
+    fed = NO_FORCE
+    if cascade is not None:
+        sent, fed = arriving(cascade, sent, trace.speed, period)
+    command, fed = read_only(sent), read_only(fed)
+    z, first = _start(trace._replace(position=command), plant, automaton, flank)
     table, motor = np.empty(command.size), np.empty(command.size)
     force = read_only(NO_FORCE if trace.force is None else trace.force)
     if plant.forces:
-        axis = SlowAxis(plant, command, period, trace.begin, force)
+        axis = SlowAxis(plant, command, period, trace.begin, force, fed)
         instants, log = axis.run(z, first, table, motor)
     else:
         modes = modes_of(linear, period)
-        modes = modes._replace(plain=modes.plain and not force.size, level=level_for(linear, command))
-        _, instants, log = kernel.advance(command, period, z, first, modes, force, table, motor)
+        filled = filled_columns(linear, pushed=bool(force.size))
+        modes = modes._replace(filled=filled, level=level_for(linear, command))
+        _, instants, log = kernel.advance(command, period, z, first, modes, force, fed, table, motor)
     changes = Changes(automaton.keys, first, trace.begin + instants * period, log)
     return delayed(referred_table(plant, table), plant.reading_delay / period), motor, changes
 
@@ -240,16 +247,33 @@ def _start(trace: AxisCommand, plant: Plant, automaton: Automaton, flank: int) -
         z[0], z[1], z[3] = trace.place, trace.speed, trace.speed
         z[2] = z[0] + 0.5 * flank * gap_at(plant, z[0])
     else:
-        z[2] = trace.position[0] - plant.c * trace.speed * (plant.ki == 0.0)
+        z[2] = trace.position[0] - _steady_lag(plant, trace.speed)
         z[3] = trace.speed
         z[0] = table_behind(plant, z[2], flank)
         z[1] = trace.speed if plant.windup_frequency else 0.0
-    if plant.ki:
+    cascade, error = plant.cascade, 0
+    rate = plant.ki if cascade is None else cascade.integral_rate
+    if rate or cascade is not None:
         force = force_on(plant, trace.begin, trace.place, trace.speed, direction)
         force += 0.0 if trace.force is None else float(trace.force[0])
         force += sum(size * math.sin(math.tau * z[2] / wave + phase) for size, wave, phase in plant.cogging)
-        z[4] = (plant.c * trace.speed + plant.load + force) / plant.ki
-    return z, automaton.keys.index((flank, direction, 0))
+        holding = plant.c * trace.speed + plant.load + force
+        z[4] = holding / rate if rate else 0.0
+        z[5] = holding if cascade is not None and cascade.current_time else 0.0
+    if cascade is not None and cascade.deadband:
+        off = trace.position[0] - plant.loop.closed_over(z[0], z[2])
+        error = int(np.sign(off)) if abs(off) > cascade.deadband else 0
+    return z, automaton.keys.index((flank, direction, Zone(error=error).number))
+
+
+def _steady_lag(plant: Plant, speed: float) -> float:
+    """Following error of a motor at a steady speed, without friction [m]."""
+    cascade = plant.cascade
+    if cascade is None:
+        return plant.c * speed * (plant.ki == 0.0)
+    late = (1.0 - cascade.velocity_feedforward) * speed / cascade.position_gain
+    late += plant.c * speed * (cascade.integral_rate == 0.0)
+    return late + cascade.deadband * float(np.sign(late))
 
 
 def list_events(changes: Changes, name: str) -> list[Event]:
@@ -283,6 +307,6 @@ def _kinds(before: Key, after: Key, flank: int) -> list[EventKind]:
         kinds.append("sticks")
     elif after[1] and not before[1]:
         kinds.append("slips")
-    if before[2] != after[2]:
-        kinds.append("saturates" if after[2] else "recovers")
+    if Zone.of(before[2]).torque != Zone.of(after[2]).torque:
+        kinds.append("saturates" if Zone.of(after[2]).torque else "recovers")
     return kinds

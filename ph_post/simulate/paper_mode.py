@@ -87,8 +87,10 @@ def simulate_turning_point(
         Where the motor does not cross the gap in time.
     """
     # ERRATA: section 5.3 prints x(-T_star) with the sign against Eq. (30); the axes start on the path.
+    where = f"axes.{axis.name}.control"
+    if axis.servo.cascade is not None:
+        raise InputError(where, "the paper's mode knows no cascade", expected="a P or PD controller")
     if axis.servo.ki_over_kp:
-        where = f"axes.{axis.name}.control"
         raise InputError(where, "the paper's mode knows no integrator", expected="a P or PD controller")
     inside = math.ceil(lead / step * (1.0 - EPSILON)) - 1
     grid = np.concatenate([[-lead], step * np.arange(-inside, inside + 1), [lead]])

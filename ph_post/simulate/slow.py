@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from msgspec.structs import astuple, replace
 
+from ph_post.drive.cascade import feeds_acceleration
 from ph_post.drive.hybrid import build_automaton
 from ph_post.drive.plant import TRUE_READING, Plant, force_on
 from ph_post.simulate import kernel
@@ -45,9 +46,19 @@ def modes_of(plant: Plant, period: float) -> kernel.ModeTables:
         gap=frozen(() if plant.widening is None else (plant.gap, *astuple(plant.widening))),
         holds=_holds(plant),
         contacts=automaton.contacts,
-        plain=static == 0.0 and not plant.cogging and plant.widening is None,
+        filled=filled_columns(plant),
         level=kernel.FORCED if static or plant.cogging else 0,
     )
+
+
+def filled_columns(plant: Plant, *, pushed: bool = False) -> int:
+    """Return which columns the rows of a plant fill; `pushed` if a force from outside acts."""
+    cascade = plant.cascade
+    if cascade is not None and (cascade.current_time or feeds_acceleration(cascade)):
+        return kernel.ALL
+    stribeck = plant.static != 0.0 and plant.stribeck_speed != 0.0
+    forced = pushed or stribeck or bool(plant.cogging) or plant.widening is not None
+    return kernel.FORCES if forced else kernel.FEW
 
 
 def level_for(plant: Plant, command: Array) -> int:
@@ -101,13 +112,19 @@ class SlowAxis:
         Time of the first sample [s].
     given : Array, shape (n,) or (0,)
         Force from outside, linear between samples, F/K [m]; (0,) is none.
+    fed : Array, shape (n,) or (0,)
+        Acceleration that is fed forward, linear between samples [m/s²]; (0,) is none.
     """
 
-    def __init__(self, plant: Plant, command: Array, period: float, begin: float, given: Array) -> None:
+    def __init__(self, plant: Plant, command: Array, period: float, begin: float, given: Array, fed: Array) -> None:
         self.plant, self.command, self.period, self.begin = plant, command, period, begin
+        self.fed = fed
         self.given = given if given.size else np.zeros(command.size)
         linear = replace(plant, forces=(), cutting=(), reading=TRUE_READING)
-        self.modes = [modes_of(linear, period / 2.0**level)._replace(plain=False) for level in range(DEEPEST + 1)]
+        self.modes = [
+            modes_of(linear, period / 2.0**level)._replace(filled=filled_columns(linear, pushed=True))
+            for level in range(DEEPEST + 1)
+        ]
 
     def run(self, z: Array, mode: int, table: Array, motor: Array) -> tuple[Array, IntArray]:
         """Run through all samples.
@@ -174,9 +191,18 @@ class SlowAxis:
         k = int(place)
         rows = np.array([place - k, place - k + length])
         command = sealed(self.command[k] + rows * (self.command[k + 1] - self.command[k]))
+        fed = self.fed[k] + rows * (self.fed[k + 1] - self.fed[k]) if self.fed.size else self.fed
         z, scratch = start.z.copy(), np.empty(2)
         mode, instants, log = kernel.advance(
-            command, self.period * length, z, start.mode, self.modes[level], sealed(force), scratch, scratch
+            command,
+            self.period * length,
+            z,
+            start.mode,
+            self.modes[level],
+            sealed(force),
+            sealed(fed),
+            scratch,
+            scratch,
         )
         changes = zip((place + instants * length).tolist(), *log.T.tolist(), strict=True)
         return Reached(z, mode, tuple(changes))

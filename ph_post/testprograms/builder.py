@@ -10,6 +10,7 @@ from typing import Final
 import msgspec
 
 from ph_post.dialects.base import Dialect
+from ph_post.drive.cascade import response_time
 from ph_post.gcode.program import AXES, CENTERS, plane_of
 from ph_post.types import Machine
 from ph_post.units import MM, MM_PER_MIN
@@ -90,7 +91,7 @@ def arc_speed(machine: Machine, axes: tuple[str, ...], radius: float, share: flo
 
 def settling_time(machine: Machine, axes: tuple[str, ...]) -> float:
     """Return the time that axes are given to come to rest [s]: ten times c, their time constant, at least 0.3."""
-    return max(0.3, *(10.0 * machine.axes[axis].servo.c for axis in axes))
+    return max(0.3, *(10.0 * response_time(machine.axes[axis].servo) for axis in axes))
 
 
 JOINT: Final = 0.005 * MM

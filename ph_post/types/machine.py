@@ -24,11 +24,63 @@ USUAL_REFERENCE: Final[Mapping[str, ReferenceDirection]] = MappingProxyType({"X"
 """From which side the zero of an axis is taken where its file does not say it: tools are touched off downwards."""
 
 
+class Cascade(msgspec.Struct, frozen=True, kw_only=True):
+    """A P position loop around a PI velocity loop, with feed-forward, a current loop and filters of the command.
+
+    The velocity loop asks for an acceleration ω_v (n + ∫n / T_n) + a_f Ẍ, where n = K_v e + k_f Ẋ + l Ẍ - w, of the
+    whole inertia. In units of the position error, as F/K with K = J ω_v K_v, that is u = p + ∫p / T_n + b a_f Ẍ, with
+    p = n / K_v and b = 1 / (ω_v K_v).
+
+    Parameters
+    ----------
+    position_gain : float
+        K_v [1/s].
+    velocity_gain : float
+        ω_v, gain of the velocity loop by the inertia [1/s]: its bandwidth.
+    integral_rate : float
+        1 / T_n [1/s]; 0 is a P velocity loop.
+    velocity_feedforward, acceleration_feedforward : float
+        k_f and a_f; 1 is all of it.
+    acceleration_lead : float
+        l, acceleration fed forward to the velocity loop [s], as FF2 of LinuxCNC's pid does.
+    velocity_feedback : {"motor", "load"}
+        The side that w is the speed of. With a scale on the table "motor" is a dual loop.
+    current_time : float
+        Time constant of the current loop [s]; 0: the torque follows at once.
+    deadband : float
+        Position errors up to this are none, and greater ones less by it [m].
+    dead_time : float
+        By which the command reaches the loop late [s].
+    moving_average, exponential : float
+        Length of a moving average of the command, and time constant of a filter of the first order [s]; 0: none.
+    shaper_frequency, shaper_damping : float
+        Of a zero-vibration shaper of the command [rad/s, ratio]; frequency 0: none.
+    """
+
+    position_gain: float
+    velocity_gain: float
+    integral_rate: float = 0.0
+    velocity_feedforward: float = 0.0
+    acceleration_feedforward: float = 0.0
+    acceleration_lead: float = 0.0
+    velocity_feedback: Literal["motor", "load"] = "motor"
+    current_time: float = 0.0
+    deadband: float = 0.0
+    dead_time: float = 0.0
+    moving_average: float = 0.0
+    exponential: float = 0.0
+    shaper_frequency: float = 0.0
+    shaper_damping: float = 0.0
+
+
 class Servo(msgspec.Struct, frozen=True, kw_only=True):
     """Closed loop of one axis: b [s²] and c [s] of Eq. (9), and the PI/PID gains relative to k_p.
 
     `stiffness` [N/m] is the force on the table that a P loop answers with a position error of one metre,
     k_p k_a k_t N / r; None where the file does not tell it.
+
+    With a `cascade` b and c are those of its P loops without feed-forward: 1 / (ω_v K_v), and 1 / K_v with what
+    friction of the motor adds to it.
     """
 
     b: float
@@ -36,6 +88,12 @@ class Servo(msgspec.Struct, frozen=True, kw_only=True):
     ki_over_kp: float = 0.0
     kd_over_kp: float = 0.0
     stiffness: float | None = None
+    cascade: Cascade | None = None
+
+    @property
+    def damping(self) -> float:
+        """Damping of the axis itself [s]: c, less what a cascade's velocity loop has of it."""
+        return self.c if self.cascade is None else max(self.c - 1.0 / self.cascade.position_gain, 0.0)
 
 
 class Gap(msgspec.Struct, frozen=True, kw_only=True):

@@ -15,6 +15,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.drive.axes import gaps_of
+from ph_post.drive.cascade import response_time
 from ph_post.errors import InputError
 from ph_post.gcode.program import AXES, LINE, RAPID, PartProgram, plane_columns
 from ph_post.gcode.working import working_motions
@@ -210,7 +211,7 @@ class CutPath:
         """Return the distance that the table may be behind the command in every row [m]."""
         from scipy.ndimage import maximum_filter1d
 
-        late = 2.0 * max(self._machine.axes[name].servo.c for name in axes)
+        late = 2.0 * max(response_time(self._machine.axes[name].servo) for name in axes)
         rows = 1 + math.ceil((late + settling_time(self._machine, axes)) / period)
         steps = np.sqrt((np.diff(commanded, axis=0, prepend=commanded[:1]) ** 2).sum(axis=1))
         fastest = maximum_filter1d(steps, rows, origin=(rows - 1) // 2, mode="nearest")

@@ -120,7 +120,7 @@ def test_samples_are_cut_as_the_waves_need() -> None:
     ]
     assert level(COGGING, FINE, travel=0.8e-3 / math.tau * 0.15) == 1
     assert level(COGGING, travel=1.0) == kernel.FINE
-    assert modes_of(plant_of(make_axis("load", **SOFT), Scenario()), PERIOD).plain
+    assert modes_of(plant_of(make_axis("load", **SOFT), Scenario()), PERIOD).filled == kernel.FEW
 
 
 @pytest.mark.parametrize("feedback", ["load", "motor"])
