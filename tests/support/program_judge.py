@@ -309,7 +309,7 @@ def _sizes(error: Floats) -> tuple[float, float, float]:
     return float(error.max()), float(np.sqrt(np.mean(error**2))), float(np.quantile(error, 0.95))
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _from_band(points, rows, one, other, way, near):  # type: ignore[no-untyped-def]
     """Distances (n,) of points from all straight lines between two ways, no farther along these than `near`."""
     found = np.empty(len(points))
@@ -327,7 +327,7 @@ def _from_band(points, rows, one, other, way, near):  # type: ignore[no-untyped-
     return found
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _between(point, one, other):  # type: ignore[no-untyped-def]
     """Least distance of a point from the lines between two rows of two ways, by halving where it falls."""
     low, high = 0.0, 1.0
@@ -345,7 +345,7 @@ def _between(point, one, other):  # type: ignore[no-untyped-def]
     return best
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _from_place(point, one, other, share, ends):  # type: ignore[no-untyped-def]
     for k in range(3):
         ends[0, k] = one[0, k] + share * (one[1, k] - one[0, k])
@@ -353,7 +353,7 @@ def _from_place(point, one, other, share, ends):  # type: ignore[no-untyped-def]
     return _from_line(point, ends[0], ends[1])
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _from_line(point, a, b):  # type: ignore[no-untyped-def]
     square = along = 0.0
     for k in range(3):

@@ -159,12 +159,13 @@ def play(motor: np.ndarray, gap: float, side: float) -> np.ndarray:
 
 
 def tables(motor: np.ndarray, gaps: tuple[float, ...], zero: tuple[int, ...]) -> list[np.ndarray]:
-    """Tables (n, 3) for all combinations of the sides on which the axes begin.
+    """Tables (n, 3) for all combinations of the sides on which the axes begin; of one without backlash both are one.
 
     `zero` of an axis is the direction from which its zero was taken, 0 for the middle of its backlash.
     """
     axes = [
-        [play(motor[:, axis], gaps[axis], side) + zero[axis] * gaps[axis] / 2 for side in (-1, 1)] for axis in range(3)
+        [play(motor[:, axis], gap, side) + zero[axis] * gap / 2 for side in ((-1, 1) if gap else (0,))]
+        for axis, gap in enumerate(gaps)
     ]
     return [np.stack(columns, axis=1) for columns in itertools.product(*axes)]
 
@@ -181,20 +182,26 @@ def distance(points: np.ndarray, path: list[Move]) -> np.ndarray:
         return least
     sampled = run(path, 0.1)
     near = sampled.owner[cKDTree(sampled.motor).query(points, NEAR)[1]]
-    for k in np.unique(near).tolist():
-        own = (near == k).any(axis=1)
-        least[own] = np.minimum(least[own], _to_move(points[own], path[k]))
+    # Every pair of a move and a point near it, once, by the number of the move.
+    move, row = np.divmod(np.unique(near * len(points) + np.arange(len(points))[:, None]), len(points))
+    straight = np.array([one.mode < 2 for one in path])[move]
+    start, end = (np.array([getattr(one, name) for one in path])[move[straight]] for name in ("start", "end"))
+    np.minimum.at(least, row[straight], _to_lines(points[row[straight]], start, end))
+    move, row = move[~straight], row[~straight]
+    for own in np.split(np.arange(move.size), np.flatnonzero(np.diff(move)) + 1) if move.size else ():
+        least[row[own]] = np.minimum(least[row[own]], _to_arc(points[row[own]], path[move[own[0]]]))
     return least
 
 
 def _to_move(points: np.ndarray, move: Move) -> np.ndarray:
-    return _to_line(points, move) if move.mode < 2 else _to_arc(points, move)
+    return _to_lines(points, move.start, move.end) if move.mode < 2 else _to_arc(points, move)
 
 
-def _to_line(points: np.ndarray, move: Move) -> np.ndarray:
-    way = move.end - move.start
-    share = np.clip((points - move.start) @ way / max(way @ way, 1e-30), 0.0, 1.0)
-    return np.linalg.norm(points - move.start - share[:, None] * way, axis=1)
+def _to_lines(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Distances of points (n, 3) from a line, or from one each."""
+    way, from_start = end - start, points - start
+    share = np.sum(from_start * way, axis=-1) / np.maximum(np.sum(way * way, axis=-1), 1e-30)
+    return np.linalg.norm(from_start - np.clip(share, 0.0, 1.0)[:, None] * way, axis=1)
 
 
 def _to_arc(points: np.ndarray, move: Move) -> np.ndarray:

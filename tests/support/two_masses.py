@@ -139,7 +139,7 @@ def play(motor: Floats, half: float, side: int) -> Floats:
     return _play(np.asarray(motor, dtype=float), half, side)
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _play(motor, half, side):  # type: ignore[no-untyped-def]
     table, place = np.empty(motor.size), motor[0] - side * half
     for row, here in enumerate(motor):
@@ -148,7 +148,7 @@ def _play(motor, half, side):  # type: ignore[no-untyped-def]
     return table
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _two_masses(command, period, side, place, speed, b, c, ki, kd, gap, eta, beta, rule, friction):  # type: ignore[no-untyped-def]
     half = 0.5 * gap
     numbers = (b, c, ki, kd, eta, beta)
@@ -179,7 +179,7 @@ def _two_masses(command, period, side, place, speed, b, c, ki, kd, gap, eta, bet
     return table
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _stepped(y, h, begin, slope, touch, way, numbers, friction):  # type: ignore[no-untyped-def]
     """One step of Runge and Kutta of the places and speeds of table and motor, and of the sum of the error."""
     half = begin + 0.5 * h * slope
@@ -191,18 +191,18 @@ def _stepped(y, h, begin, slope, touch, way, numbers, friction):  # type: ignore
     return _along(_along(y, third, h / 3.0), fourth, h / 6.0)
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _along(y, rate, h):  # type: ignore[no-untyped-def]
     return (y[0] + h * rate[0], y[1] + h * rate[1], y[2] + h * rate[2], y[3] + h * rate[3], y[4] + h * rate[4])
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _output(y, command, slope, numbers):  # type: ignore[no-untyped-def]
     """What the controller gives."""
     return command - y[0] + numbers[2] * y[4] + numbers[3] * (slope - y[1])
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _resisting(speed, way, friction):  # type: ignore[no-untyped-def]
     """Friction and load of a body that moves in a direction; 2 is a body without dry friction."""
     plus, minus, static, scale, up, down, load = friction
@@ -214,7 +214,7 @@ def _resisting(speed, way, friction):  # type: ignore[no-untyped-def]
     return dry + (up if way > 0 else down) * speed + load
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _rates(y, command, slope, touch, way, numbers, friction):  # type: ignore[no-untyped-def]
     b, c, _, _, eta, beta = numbers
     u = _output(y, command, slope, numbers)
@@ -232,7 +232,7 @@ def _rates(y, command, slope, touch, way, numbers, friction):  # type: ignore[no
     return (y[1], table, y[3], motor, command - y[0])
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _at_rest(y, way, touch):  # type: ignore[no-untyped-def]
     """State and direction, at rest where the table would turn round."""
     if way in (1, -1) and way * y[1] < 0.0:
@@ -240,7 +240,7 @@ def _at_rest(y, way, touch):  # type: ignore[no-untyped-def]
     return y, way
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _breaks_away(y, command, slope, touch, numbers, friction):  # type: ignore[no-untyped-def]
     """Direction in which a table at rest is driven on; 0 where friction holds it."""
     drive = _output(y, command, slope, numbers) if touch else 0.0
@@ -250,7 +250,7 @@ def _breaks_away(y, command, slope, touch, numbers, friction):  # type: ignore[n
     return -1 if net < -friction[1] - friction[2] else 0
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _after_contact(y, before, command, slope, touch, way, numbers, friction, rule):  # type: ignore[no-untyped-def]
     """State, and the side that is still touched: none once the contact force, or else the speed, changes its sign."""
     b, c, _, _, eta, beta = numbers
@@ -266,7 +266,7 @@ def _after_contact(y, before, command, slope, touch, way, numbers, friction, rul
     return y, touch
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _meet(y, half, touch, eta, rule):  # type: ignore[no-untyped-def]
     """The motor has come to a side: both stand, or go on with their common momentum."""
     together = 0.0 if rule == 0 else y[1] + eta * (y[3] - y[1])
