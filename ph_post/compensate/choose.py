@@ -21,13 +21,21 @@ from ph_post.compensate.friction import friction_of, friction_of_machine
 from ph_post.compensate.friction_layout import first_step
 from ph_post.compensate.layout import approached_way, first_direction, reversing_axes
 from ph_post.compensate.offsets import may_shift, whole_jog
-from ph_post.compensate.search import DesignBounds, DesignSearch, TriedDesign, best_of, largest_lag, rest_design
+from ph_post.compensate.search import (
+    DesignBounds,
+    DesignSearch,
+    TriedDesign,
+    best_of,
+    largest_lag,
+    rest_design,
+    time_to_stop,
+)
 from ph_post.compensate.standstill import CREEP, creep_of_shape
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
 from ph_post.compensate.survey import Drives, SearchSite, search_sites
 from ph_post.compensate.trial import SAME_TURN, Surroundings, Trial, direction_at, find_surroundings
 from ph_post.simulate.assess import PICKUPS
-from ph_post.simulate.contour import Nominal
+from ph_post.simulate.contour import Nominal, settling_time
 from ph_post.types import Axis, Crossing, Jog, Machine, Scenario
 
 MOST_APPROACH: Final = 0.5
@@ -44,6 +52,15 @@ SMOOTH: Final = (1.0, 2.0, 4.0)
 
 ON_THE_FLY: Final = "fly"
 """The strategy that changes offsets without a stop."""
+
+LONGEST_STOP: Final = 1.0
+"""Time [s] up to which designs are tried at a turning point whatever the machine; more is tried where it needs more."""
+
+STOPS: Final = 4.0
+"""Times that a stop takes which are tried."""
+
+CROSSINGS: Final = 8.0
+"""Times that the shortest crossing takes which are tried."""
 
 LEAST_TIME: Final = 1e-6
 """Time [s] that a design takes at least where gains are weighed by it."""
@@ -353,9 +370,17 @@ class _Chooser:
         """Make the case of a window, with an equal share of the time."""
         budget = (SPARE * self.task.allowed - self.approach) / self.active
         shortest = {axis.name: shortest_crossing(axis, self.lead, self.period) for axis, _ in drives}
+        axes = self.task.path.axes
+        longest = max(
+            LONGEST_STOP,
+            STOPS * time_to_stop([self.task.machine.axes[name] for name in axes], place.cruise),
+            CROSSINGS * max(shortest.values()),
+            settling_time(self.task.machine, axes),
+        )
         return ReversalCase(
             place=place,
-            budget=max(budget, self.period),
+            budget=min(max(budget, self.period), longest),
+            longest=longest,
             reversing=drives,
             shortest=shortest,
             lead=self.lead,

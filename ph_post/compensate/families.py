@@ -33,6 +33,9 @@ TRAVEL: Final = 4
 PART: Final = 0.6
 """Part of an axis' limits that a crossing alone may take; the rest is the path's."""
 
+MUCH_LONGER: Final = 2.0
+"""Times the budget up to which more time brings nothing new."""
+
 ONE: Final = np.ones(1)
 
 SHORTEST: Final = 16
@@ -45,7 +48,7 @@ class ReversalCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `budget` [s] is the time that a design may add, `reversing` the axes that turn back here and have a gap,
     each with the direction it goes on in; `shortest` [s] by axis what a crossing takes at least. `lead` is
     whether designs include inverse dynamics, `crosses` whether gaps behind the loop are crossed. `friction` is by
-    axis what is led of that, in rows of `period` [s].
+    axis what is led of that, in rows of `period` [s]. What takes more than `longest` [s] is not tried.
     """
 
     place: Surroundings
@@ -56,11 +59,17 @@ class ReversalCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     crosses: bool = True
     friction: Mapping[str, Friction] = EMPTY
     period: float = 1e-3
+    longest: float = math.inf
 
     @property
     def inside_loop(self) -> bool:
         """True where the gap of an axis that turns back lies inside its loop."""
         return any(axis.loop.encloses_backlash for axis, _ in self.reversing)
+
+    @property
+    def may_take_longer(self) -> bool:
+        """True where much longer designs than the budget allows are worth trying."""
+        return self.longest > MUCH_LONGER * self.budget
 
     @property
     def behind(self) -> tuple[tuple[Axis, int], ...]:

@@ -117,10 +117,10 @@ class DesignSearch:
             The candidates, by the time they add.
         """
         starts = [
-            self.look(family, seed, part * self.case.budget)
+            self.look(family, seed, budget)
             for family in families
             for seed in family.seeds
-            for part in family.budgets
+            for budget in self._budgets(family.budgets)
         ]
         starts += [self.look(one.family, one.x, one.budget) for one in known if one.family in families]
         starts.sort(key=lambda found: found.score)
@@ -138,12 +138,16 @@ class DesignSearch:
         list of TriedDesign
             The candidates, by the time they add.
         """
-        for part in times:
-            starts = [self.look(one, seed, part * self.case.budget) for one in families for seed in one.seeds]
+        for budget in self._budgets(times):
+            starts = [self.look(one, seed, budget) for one in families for seed in one.seeds]
             if any(start.allowed for start in starts):
                 self._refine(min(starts, key=lambda found: found.score), PROLONGED)
                 break
         return self.candidates()
+
+    def _budgets(self, parts: Sequence[float]) -> list[float]:
+        """Turn parts of the budget into times [s], none of them longer than is tried."""
+        return list(dict.fromkeys(min(part * self.case.budget, self.case.longest) for part in parts))
 
     def polish(self, starts: Sequence[TriedDesign], calls: int) -> None:
         """Refine the best of some designs by a few calls."""
@@ -302,9 +306,7 @@ def rest_design(
     the gap that is not known. The time is estimated from the limits of the slowest of `drives`, with the feed `cruise`
     [m/s] before and behind, and the time of the `crossing` [s].
     """
-    acceleration = np.array([REST_PART * min(axis.limits.acceleration for axis in drives)])
-    jerk = np.array([REST_PART * min(axis.limits.jerk for axis in drives)])
-    ramps = float(ramp_time(np.zeros(1), np.array([cruise]), acceleration, jerk)[0]) if cruise > 0.0 else 0.0
+    ramps = time_to_stop(drives, cruise)
     error = np.array([FLOOR, max(axis.uncertainty.backlash * largest_lag(axis) for axis, _ in reversing)])
     return TriedDesign(
         family=BARE,
@@ -317,6 +319,13 @@ def rest_design(
         merit=FLOOR + WORST * float(error.max()),
         allowed=True,
     )
+
+
+def time_to_stop(drives: Sequence[Axis], cruise: float) -> float:
+    """Time that ramps from a feed [m/s] to rest and back add, within part of the limits of the slowest axis [s]."""
+    acceleration = np.array([REST_PART * min(axis.limits.acceleration for axis in drives)])
+    jerk = np.array([REST_PART * min(axis.limits.jerk for axis in drives)])
+    return float(ramp_time(np.zeros(1), np.array([cruise]), acceleration, jerk)[0]) if cruise > 0.0 else 0.0
 
 
 def largest_lag(axis: Axis) -> float:

@@ -62,16 +62,6 @@ PROLONGED: Final = 1
 LONGER: Final = (4.0, 16.0)
 """Shares of the time that are tried where nothing is found in one."""
 
-LONGEST_STOP: Final = 2.0
-"""Time [s] beyond which no more is tried at one turning point, and with it :data:`RINGS` servo time constants: a stop
-and a motor's way through its backlash take a fraction of it."""
-
-RINGS: Final = 20.0
-"""Servo time constants that are tried in any case."""
-
-LITTLE_MORE: Final = 2.0
-"""Shares of the time up to which more time brings nothing new."""
-
 Drives = tuple[tuple[Axis, int], ...]
 """Axes that reverse, each with the direction it goes on in."""
 
@@ -177,10 +167,9 @@ class _Survey:
         search, families = self.sites[number].search, self.families[number]
         seeds = next((own for own in self.found.values() if own), [])
         found = search.explore(families, calls, seeds)
-        if not found and search.case.inside_loop and self.in_vain < PROLONGED:
-            times = _longer_times(search)
-            found = search.prolong(families, times)
-            self.in_vain += bool(times) and not found
+        if not found and search.case.inside_loop and search.case.may_take_longer and self.in_vain < PROLONGED:
+            found = search.prolong(families, LONGER)
+            self.in_vain += not found
         self.found[number] = found
 
     def _reuse(self, number: int, calls: int) -> None:
@@ -210,12 +199,6 @@ class _Survey:
             if looks:
                 site.search.polish(looks, calls - len(looks))
         self.found[number] = site.search.candidates()
-
-
-def _longer_times(search: DesignSearch) -> list[float]:
-    """Shares of the time that are tried where nothing is found in one: no more than any stop takes."""
-    most = max(LONGEST_STOP, RINGS * search.trial.constant) / search.case.budget
-    return [part for part in dict.fromkeys(min(part, most) for part in LONGER) if part > LITTLE_MORE]
 
 
 def _samples(search: DesignSearch) -> float:
