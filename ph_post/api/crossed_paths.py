@@ -43,7 +43,9 @@ def crosses_on_the_fly(axes: Sequence[str], machine: Machine, options: Compensat
     traits = find_traits(options.chosen_strategy)
     if options.feed_only or traits.is_baseline or not traits.shifts_axes:
         return False
-    editable = not find_dialect(machine.dialect).abilities.not_editable
+    abilities = find_dialect(machine.dialect).abilities
+    # Polynomials say more than straight moves and arcs, and a change could not divide them.
+    editable = not abilities.not_editable and abilities.polynomial_degree == 1
     whole = options.safe_z is None or "Z" in machine.axes
     return editable and whole and any(may_shift(machine.axes[name]) for name in axes)
 

@@ -69,6 +69,7 @@ def read_translated(
     *,
     in_place: bool,
     language: Language = RS274,
+    words: WordTable | None = None,
 ) -> PartProgram:
     """Read a program by the translations of its lines.
 
@@ -84,6 +85,8 @@ def read_translated(
         Whether translations that are as long as their lines have their words at the same places.
     language : Language
         Language of the translation.
+    words : WordTable, optional
+        The words of the program itself, in place of those of the translation.
 
     Raises
     ------
@@ -99,7 +102,7 @@ def read_translated(
         data=data,
         digest=hashlib.sha256(data).hexdigest(),
         lines=lines,
-        words=_placed(found, data, lines, texts, in_place),
+        words=_placed(found, data, lines, texts, in_place) if words is None else words,
         notes=_notes(found, [_shown(note, data, lines) for note in found.notes], remarks),
     )
 

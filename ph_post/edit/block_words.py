@@ -134,6 +134,8 @@ def edited_line(
     out, at = [], 0
     for word in own:
         low, high = int(words.start[word]) - base, int(words.end[word]) - base
+        if program.language.whole is not None and not _is_number(exchange.get(word)):
+            low, high = program.language.whole(text, low, high)
         out.append(text[at:low])
         if first and word == placed[0]:
             out.append(first + gap)
@@ -142,6 +144,11 @@ def edited_line(
             out += [gap + one for one in add]
         at = high
     return "".join(out) + text[at:]
+
+
+def _is_number(text: str | None) -> bool:
+    """Return True if a text stands in the place of a number alone, or nothing does."""
+    return text is None or (text != "" and not text[0].isalpha())
 
 
 class FeedWords:
@@ -296,7 +303,9 @@ class PartWords:
             base = -shift[axis] if self.modal.arc_absolute else self._at[axis]
             words[_CENTERS[axis]] = _CENTERS[axis] + self._text(count - base)
         turns = math.ceil(abs(motions.angle[k]) * (part.high - part.low) / math.tau - _FULL)
-        return {**words, "P": f"P{turns}" if turns > 1 else "", "R": ""}
+        own = self._own if self.program.language.whole is not None else {}
+        spare = {letter: "" for letter in _CENTERS if letter in own and letter not in words}
+        return {**words, **spare, "P": self.program.language.turns(turns) if turns > 1 else "", "R": ""}
 
     def _cubic_words(self, part: MotionPart, end: IntArray) -> dict[str, str]:
         control = split_cubic(self.program.motions.control[self.motion], [part.low, part.high])[0]

@@ -162,7 +162,7 @@ class ChangeWriter:
         assert self._change is not None
         modal, lines = self._program.modal_after(block), self._change.lines
         if self._path != modal.path and modal.path is not None:
-            lines.append(modal.path)
+            lines.append(self._program.language.path_words.get(modal.path, modal.path))
             self._path = modal.path
         feed = self._feeds.after(block)
         if modal.feed_mode == 94 and feed is not None and feed != self._feed:
@@ -173,9 +173,10 @@ class ChangeWriter:
                 self._mode = "G1"
             self._feed = feed
         relying = block_words.next_relying(self._program, block + 1)
-        if modal.motion == "G0" and self._mode != "G0" and relying is not None:
-            lines.append("G0")
-            self._mode = "G0"
+        alone = self._program.language.lone_modes
+        if modal.motion in alone and self._mode != modal.motion and relying is not None:
+            lines.append(modal.motion)
+            self._mode = modal.motion
 
     def _behind(self, task: MotionEdit, block: int) -> None:
         """Write the stop at the end of a motion behind its line, which stays."""

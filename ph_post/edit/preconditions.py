@@ -131,7 +131,9 @@ def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
     motions = program.motions
     low, _ = chain_spans(motions)
     cuts = motions.kind != RAPID
+    several = np.append(motions.block[1:] == motions.block[:-1], False)[: motions.block.size]
     found: dict[str, BoolArray] = {
+        "a line's feed changes on its way, or it moves more than once": several,
         "the feed is not known (G95, or no F yet)": cuts & np.isnan(motions.feed) & (motions.duration == 0.0),
         "contains a NURBS (G5.2)": motions.kind == NURBS,
         "contains a G5 that continues the one before it, without I and J": _continued(program),
@@ -227,7 +229,7 @@ def _checksummed(program: PartProgram) -> bool:
     Printers number their lines, each one more than the last, and check them (reprap.org/wiki/G-code, Checking): no
     line can be changed or added without all that follow.
     """
-    if b"*" not in program.data:
+    if program.language.read is not None or b"*" not in program.data:
         return False
     data = np.frombuffer(program.data, dtype=np.uint8)
     stars = np.flatnonzero(data == ord("*")).astype(np.int32)

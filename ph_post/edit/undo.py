@@ -11,6 +11,7 @@ from typing import Final
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.dialects.declaration import (
     CHANGE_MARK,
@@ -26,10 +27,10 @@ from ph_post.edit.word_shifts import assemble, unshift_numbers
 from ph_post.errors import InputError
 from ph_post.gcode.lexer import split_lines
 from ph_post.gcode.numbers import PARENTHESES, Comments
-from ph_post.gcode.program import ByteArray, Language, PartProgram, PlaceArray
+from ph_post.gcode.program import ByteArray, Language, PartProgram, PlaceArray, WordTable
 from ph_post.gcode.read import reread
 from ph_post.gcode.words import read_words
-from ph_post.types import BoolArray, IntArray, sealed
+from ph_post.types import BoolArray, IntArray, sealed, take
 
 _LINES: Final = 50_000
 """So many lines are restored at a time."""
@@ -106,6 +107,8 @@ class _Restorer:
         self._removed = np.frombuffer(payload.removed, np.uint8)
         self._code = self._style = 0
         self._closed = False
+        # A language of another grammar has words of its own, which only the whole of a program says.
+        self._words = None if language.read is None else language.read(data, "").words
 
     def run(self) -> bytes:
         """Return the original.
@@ -150,20 +153,32 @@ class _Restorer:
         spans = np.column_stack([lines[marked], lines[marked + 1], self._spans[low:high][marked]])
         if before:
             lines, added = np.append(np.int32(0), lines), np.append(False, added)
-        start, stop, pool, bounds = self._numbers(data, lines, added)
+        start, stop, pool, bounds = self._numbers(data, lines, added, low - (1 if before else 0))
         body = np.frombuffer(data, np.uint8)
         text: bytes = assemble(body, start, stop, sealed(pool), bounds, spans, self._removed).tobytes()
         return text[len(before) :]
 
+    def _own_words(self, first: int, lines: PlaceArray) -> WordTable:
+        """Return the words of some lines, of which the first is line `first` of the program."""
+        assert self._words is not None
+        words = self._words
+        low, high = np.searchsorted(words.block, np.array([first, first + lines.size - 1], dtype=words.block.dtype))
+        part = take(words, np.arange(int(low), int(high)))
+        shift = lines[part.block - first] - self._lines[part.block]
+        return replace(part, block=part.block - np.int32(first), start=part.start + shift, end=part.end + shift)
+
     def _numbers(
-        self, data: bytes, lines: PlaceArray, added: BoolArray
+        self, data: bytes, lines: PlaceArray, added: BoolArray, first: int
     ) -> tuple[PlaceArray, PlaceArray, ByteArray, IntArray]:
         """Spans of the changed numbers, and the text that stood there."""
         if self._closed:
             nothing = np.zeros(0, dtype=np.int32)
             return nothing, nothing, np.zeros(0, dtype=np.uint8), np.zeros(1, dtype=np.int64)
-        lexed = read_words(self._language.hidden(data), lines)
-        self._closed, words = lexed.end < lines.size - 1, lexed.words
+        if self._words is None:
+            lexed = read_words(self._language.hidden(data), lines)
+            self._closed, words = lexed.end < lines.size - 1, lexed.words
+        else:
+            words = self._own_words(first, lines)
         candidate = np.flatnonzero(np.isin(words.letter, SHIFTABLE) & ~added[words.block])
         code = self._codes[self._code : self._code + candidate.size]
         if code.size != candidate.size:

@@ -254,15 +254,12 @@ def shifted_words(program: PartProgram, found: MotionOffsets) -> ShiftedWords:
     words, motions = program.words, program.motions
     owner = np.full(program.blocks, -1, dtype=np.int64)
     owner[motions.block] = np.arange(motions.block.size)
-    absolute, arc_absolute = (
-        np.array([getattr(modal, name) for modal in program.modal], dtype=np.bool_)[program.state]
-        for name in ("absolute", "arc_absolute")
-    )
+    absolute = np.array([modal.absolute for modal in program.modal], dtype=np.bool_)[program.state]
     word, delta = _gather(
         (words.letter, words.block, words.decimals),
         owner,
         absolute,
-        arc_absolute,
+        program.absolute_centres(),
         motions.kind,
         found.after,
         found.word,

@@ -35,6 +35,9 @@ from ph_post.units import MM
 from ph_post.version import package_version
 
 _O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
+_PATH: Final = re.compile(rb"^\s*;\s*\$PATH=")
+"""The folder of a SINUMERIK program, which stands right behind its name."""
+
 _WIDEST: Final = 10**7
 """Offsets, in steps, that are counted in a table of their own."""
 
@@ -254,6 +257,8 @@ def _head_line(program: PartProgram) -> int:
     if first.startswith(codecs.BOM_UTF8) or first.strip().startswith(b"%"):
         line = 1
     if line < program.blocks and _O_NUMBER.match(program.text(line).rstrip()):
+        line += 1
+    if line < program.blocks and _PATH.match(program.text(line)):
         line += 1
     return line
 

@@ -42,6 +42,17 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         length without a decimal point counts in increments.
     read : callable or None
         ``read(data, name) -> program``: its own reader, every byte kept, for a language of another grammar.
+    parentheses : bool
+        Whether parentheses enclose comments.
+    whole : callable or None
+        ``whole(line, start, end) -> (start, end)``: where a word begins and ends of which the word table has the
+        number alone, as ``(10`` of ``I=AC(10)``; None where it has all of every word.
+    lone_modes : frozenset of str
+        Words of motion modes that may stand alone on a line.
+    path_words : mapping of str to str
+        Words of path modes that are others than RS274/NGC's, by those.
+    turns : callable
+        ``turns(number) -> text``: the word of an arc of so many turns.
     """
 
     name: str = ""
@@ -52,6 +63,11 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     bound: Callable[[bytes], str] | None = None
     lengths: Callable[[WordTable, bytes], WordTable] | None = None
     read: Callable[[bytes, str], PartProgram] | None = None
+    parentheses: bool = True
+    whole: Callable[[str, int, int], tuple[int, int]] | None = None
+    lone_modes: frozenset[str] = frozenset(("G0",))
+    path_words: Mapping[str, str] = {}
+    turns: Callable[[int], str] = "P{}".format
 
     def hidden(self, data: bytes) -> bytes:
         """Return a program's text as the reader of RS274/NGC is to have it."""
@@ -125,6 +141,8 @@ def plane_of(axes: Sequence[str]) -> tuple[str, int]:
     number = next(number for number, columns in PLANE_AXES.items() if set(pair) == set(columns[:2]))
     return f"G{number}", 1 if pair == PLANE_AXES[number][:2] else -1
 
+
+_NOWHERE: Final = np.zeros(0, dtype=np.int32)
 
 NurbsData = tuple[int, Array, Array]
 """Order, control points (k, 3) [m] and weights (k,) of a NURBS."""
@@ -244,7 +262,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `state` (n,) the number of the one after each block, `feed_word` (n,) the F in force after each block as
     the program has it, NaN before the first. `breaks` in order, the first at the beginning, the last at the
     end. `notes` name what was passed through. `language` is the one it was read in, and the one for all
-    that is made of it.
+    that is made of it. `centred` lines give the centre of an arc as a place, whatever the mode of centres.
     """
 
     name: str
@@ -259,6 +277,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     breaks: tuple[Break, ...]
     notes: tuple[Note, ...]
     language: Language = RS274
+    centred: PlaceArray = _NOWHERE
 
     @property
     def blocks(self) -> int:
@@ -281,6 +300,12 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         seconds[words.block[rows]] = times
         lines = words.block[(words.letter == ord("G")) & (words.value == 4.0)]
         return lines, seconds[lines]
+
+    def absolute_centres(self) -> BoolArray:
+        """Return true for each line on which the centre of an arc is a place, shape (n,)."""
+        found = np.array([modal.arc_absolute for modal in self.modal], dtype=np.bool_)[self.state]
+        found[self.centred] = True
+        return found
 
     def words_of(self, block: int) -> range:
         """Return the numbers of the words on a line."""

@@ -186,7 +186,7 @@ def _commands_of(program: PartProgram, first: int, last: int) -> list[tuple[str,
 def _check_extrusion(case: VerifyCase, own: _Places, change: int) -> None:
     """Check that what is extruded up to each place of the original stays the same."""
     (one, *old), (other, *new) = _spans(case, change)
-    if not one.language.name or not (_extrudes(one, old) or _extrudes(other, new)):
+    if one.language.bound is None or not (_extrudes(one, old) or _extrudes(other, new)):
         return
     start, relative = _extruder_before(one, old[0])
     before = _extruded(one, old, start, relative)

@@ -17,8 +17,8 @@ _FACT = re.compile(rb"\(ph-post: ([^+].*)\)\s*", re.IGNORECASE)
 _MORE = re.compile(rb"\(  (.*)\)\s*")
 """A fact that is too long for its line goes on in lines that begin with two blanks."""
 
-_BEFORE = re.compile(rb"\xef\xbb\xbf.*\s*|\s*(?:%.*|O\d+\b.*)?\s*", re.IGNORECASE)
-"""Lines that may come before the header: one with a byte order mark, blank lines, ``%`` and an O-number."""
+_BEFORE = re.compile(rb"\xef\xbb\xbf.*\s*|\s*(?:%.*|O\d+\b.*|;\s*\$PATH=.*)?\s*", re.IGNORECASE)
+"""Lines that may come before the header: one with a byte order mark, blank lines, ``%``, an O-number, a folder."""
 
 _UNDO = re.compile(rb"\(ph-post: undo (\d+)/(\d+) ([A-Za-z0-9+/=]*)\)\s*", re.IGNORECASE)
 _SEMICOLON = b"; "

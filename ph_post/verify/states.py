@@ -24,6 +24,7 @@ _MOTIONS = (0.0, 1.0, 2.0, 3.0, 5.0, 5.1)
 
 _G = ord("G")
 _COMMENT = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
+_BEHIND = re.compile(rb";[^\r\n]*")
 _ALIKE = 1e-9
 """Dwells [s] this close are the same number."""
 
@@ -118,8 +119,9 @@ def _check_remarks(case: VerifyCase, change: int) -> None:
     new = _stretch(case.compensated, int(changes.new_first[change]), int(changes.new_last[change]))
     first, marker = int(changes.old_first[change]), int(changes.marker[change])
     if b"(" in old or b";" in old:
-        rest = iter(_COMMENT.findall(new))
-        for comment in _COMMENT.findall(old):
+        pattern = _COMMENT if case.original.language.parentheses else _BEHIND
+        rest = iter(pattern.findall(new))
+        for comment in pattern.findall(old):
             if not any(comment == other for other in rest):
                 case.findings.add(
                     "comment",

@@ -53,6 +53,7 @@ class _Side(NamedTuple):
         kind = np.full(program.blocks, -1, dtype=np.int8)
         kind[program.motions.block] = program.motions.kind
         comments = np.flatnonzero(np.frombuffer(program.data, dtype=np.uint8) == ord("("))
+        comments = comments if program.language.parentheses else comments[:0]
         return cls(kind, comments.astype(np.int32))
 
 
@@ -133,7 +134,7 @@ def _may_shift(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) -> B
     kind = sides[0].kind[original.words.block[pairs.old]]
     block = compensated.words.block[pairs.new]
     letter = compensated.words.letter[pairs.new]
-    absolute, centres = (_modes(compensated, name, block) for name in ("absolute", "arc_absolute"))
+    absolute, centres = _modes(compensated, "absolute", block), compensated.absolute_centres()[block]
     axis = np.isin(letter, [ord(name) for name in case.declared.offsets])
     centre = np.isin(letter, [_centre(name) for name in case.declared.offsets]) & centres & (kind == ARC)
     moving = (kind >= 0) & (sides[1].kind[block] >= 0)

@@ -10,12 +10,9 @@ import pytest
 from support.plans import make_machine, make_path, make_plan
 from support.sinumerik import read_blocks
 
-from ph_post.api.programs import ProgramRequest, compensate_program
-from ph_post.compensate.options import PlanOptions
 from ph_post.dialects.reading import read_as
 from ph_post.dialects.siemens.dialect import DIALECT
 from ph_post.dialects.siemens.reader import read_siemens
-from ph_post.edit.edits import EditOptions
 from ph_post.errors import InputError
 from ph_post.gcode.curves import curves_of
 from ph_post.gcode.paths import main_path
@@ -173,7 +170,8 @@ def test_what_moves_nothing(line: str) -> None:
         ("G33 Z-5 K2", "G33"),
         ("UPATH", "UPATH"),
         ("TRAORI", "TRAORI"),
-        ("X5 Y=IC(2)", "X5"),
+        ("G91 X=AC(5)", "X=AC(5)"),
+        ("G3 X5 Y5 I=AC(1) J0", "I=AC(1)"),
         ("POLY PO[X]=(1,2,3,4,5,6)", "PO[X]=(1,2,3,4,5,6)"),
         ("$P_PFRAME=CTRANS(X,5)", "$P_PFRAME=CTRANS(X,5)"),
     ],
@@ -200,38 +198,51 @@ def test_modal_calls_end_with_their_end() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "note", "lines"),
     [
-        ("X1\nGOTOB L1", "part.mpf:4:1: jump or call; expected a program that runs line by line; got GOTOB"),
-        (
-            "IF R1==1 GOTOF E1",
-            "part.mpf:3:10: jump or call; expected a program that runs line by line; got GOTOF",
-        ),
-        ("WHILE R1<5\nX1", "part.mpf: WHILE without its end; expected ENDWHILE; got the end of the file"),
-        (
-            "CIP X5 Y5 Z2 I1=1 J1=4",
-            "part.mpf:3: circle in space; expected three points in the plane, not on a line;"
-            " got CIP X5 Y5 Z2 I1=1 J1=4",
-        ),
-        (
-            "POLY PO[X]=(5) PO[]=(1,9)",
-            "part.mpf:3: denominator with a zero; expected a positive one; got POLY PO[X]=(5) PO[]=(1,9)",
-        ),
-        (
-            "X5 F=FPO(600,3000,0)",
-            "part.mpf:3: feed that falls to zero; expected a positive feed; got X5 F=FPO(600,3000,0)",
-        ),
-        (
-            "G2 X5 Y5 CR=1",
-            "part.mpf:3: radius too small to reach the arc's end; expected at least half the way to the end;"
-            " got 1 mm and 3.5355 mm",
-        ),
+        ("X1\nGOTOB L1", "lines of a jump: GOTOB L1", (0, 4)),
+        ("X1\nIF R1==1 GOTOF E1\nX2\nE1: X3", "lines of a jump: GOTOF E1", (3, 5)),
+        ("N30 X1\nX2\nGOTOB N30", "lines of a jump: GOTOB N30", (2, 4)),
+        ("B1:\nX2\nREPEAT B1 P=3", "repeated part", (2, 4)),
+        ("B1: X2\nX3\nREPEATB B1 P=2", "repeated part", (2, 2)),
+        ("B1: X2\nE1: X3\nREPEAT B1 E1 P=2", "repeated part", (2, 4)),
+        ("WHILE R1<5\nX1", "WHILE", (2, 4)),
+        ("REPEAT\nX1\nUNTIL R1==5", "REPEAT", (2, 4)),
+        ('EXTCALL("B")', "call of another program", (2, 2)),
+        ("CIP X5 Y5 Z2 I1=1 J1=4", "circle in space, or from an unknown posi...", (2, 2)),
+        ("POLY PO[X]=(5) PO[]=(1,9)", "denominator with a zero: POLY PO[X]=(5) ...", (2, 2)),
+        ("X5 F=FPO(600,3000,0)", "feed that falls to zero: X5 F=FPO(600,30...", (2, 2)),
     ],
 )
-def test_what_is_refused(text: str, words: str) -> None:
-    with pytest.raises(InputError) as error:
+def test_what_may_not_run_once_or_cannot_be_followed_is_passed_through(text: str, note: str, lines) -> None:
+    program = _read(f"{BEGIN}{text}\nM30\n")
+    assert [(one.first, one.last) for one in program.notes if one.what == note] == [lines]
+    assert not np.isin(program.motions.block, range(lines[0], lines[1] + 1)).any()
+    with pytest.raises(InputError, match="expected a program that is understood throughout"):
         read_as("siemens", f"{BEGIN}{text}\nM30\n".encode(), "part.mpf", strict=True)
-    assert str(error.value) == words
+
+
+def test_a_radius_that_does_not_reach_is_refused_where_strict() -> None:
+    with pytest.raises(InputError, match="radius too small to reach the arc's end"):
+        read_as("siemens", f"{BEGIN}G2 X5 Y5 CR=1\nM30\n".encode(), "part.mpf", strict=True)
+
+
+def test_parameters_are_worked_out_where_lines_run_in_their_order() -> None:
+    program = _read(BEGIN + "R1=5 R2=.5\nR3=(R1+1)*R2-R1/2\nX=R3 Y=R1\nR1=R1+1\nY=R1 F=R1*100\nR1=2 Y=R1\nM30\n")
+    ends = program.motions.end[1:] * 1e3
+    assert ends[0, :2].tolist() == pytest.approx([0.5, 5.0])
+    assert ends[1, 1] == pytest.approx(6.0)
+    assert program.motions.feed[2] == pytest.approx(0.01)
+    assert [note.first for note in program.notes] == [7]
+    jumps = _read(BEGIN + "R1=5\nX=R1\nIF R1>3\nX2\nENDIF\nM30\n")
+    assert 3 in [note.first for note in jumps.notes]
+
+
+def test_a_rounded_corner_ends_the_motion_on_both_sides() -> None:
+    """What is put between the two blocks of a corner would be its next block."""
+    program = _read(BEGIN + "X10 RND=2\nY10\nX20\nRNDM=1\nX30\nY20\nRNDM=0\nX40\nM30\n")
+    assert program.motions.block[1:].tolist() == [4, 9]
+    assert np.isnan(program.motions.start[1:, 0]).all()
 
 
 CURVES = [
@@ -271,13 +282,3 @@ def test_own_programs_are_read_back(curve) -> None:
     path, warnings = main_path(program)
     assert not warnings
     assert path.s[-1] == pytest.approx(track.length, abs=5e-4)
-
-
-def test_nothing_is_spliced_into_one() -> None:
-    program = read_as("siemens", (BEGIN + "X10\nX0\nM30\n").encode(), "part.mpf")
-    with pytest.raises(InputError, match="programs of siemens cannot be edited: values there may be"):
-        compensate_program(
-            program,
-            make_machine(dialect="siemens"),
-            ProgramRequest(plan=PlanOptions(strategy="suppress"), edit=EditOptions()),
-        )

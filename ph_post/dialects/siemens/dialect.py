@@ -35,6 +35,7 @@ from typing import Final
 from ph_post.dialects.base import Abilities, Dialect, DwellWords, Notices, NumberFormat, Syntax, end_remark
 from ph_post.dialects.lines import LineWriter
 from ph_post.dialects.siemens.reader import read_siemens
+from ph_post.dialects.siemens.table import whole_word
 from ph_post.gcode.blocks import Feed, Moves
 from ph_post.gcode.numbers import SEMICOLON, decimal_text, significant_text, to_counts
 from ph_post.gcode.polynomials import DENOMINATOR_DECIMALS
@@ -124,6 +125,11 @@ def _path_mode(tolerance: float | None) -> str:
     return f"G641 ADIS={decimal_text(int(to_counts(tolerance, _DECIMALS)), _DECIMALS)}"
 
 
+def _turns(number: int) -> str:
+    """Word of an arc of so many turns, which counts those besides the first."""
+    return f"TURN={number - 1}"
+
+
 DIALECT = Dialect(
     name="siemens",
     syntax=Syntax(
@@ -138,13 +144,17 @@ DIALECT = Dialect(
         # G93 there is, but a feed over the path says more, and once.
         polynomial_degree=5,
         feed_degree=3,
-        not_editable=(
-            "values there may be computed, and a new line has to fit polynomials and feeds that change within"
-            " blocks; convert the path file that it was made from"
-        ),
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=8),
-    language=Language(read=read_siemens),
+    language=Language(
+        name="siemens",
+        read=read_siemens,
+        parentheses=False,
+        whole=whole_word,
+        path_words={"G61": "G60"},
+        lone_modes=frozenset(("G0", "G1")),
+        turns=_turns,
+    ),
     notices=Notices(
         assumed=(
             "assumed: work offset G54, not rotated, feed override 100 percent, tool, its length and spindle as set"

@@ -12,7 +12,6 @@ from msgspec.structs import replace
 
 from ph_post.dialects.reading import motion_rows
 from ph_post.dialects.siemens.words import CircleWords, Extras, FeedProfileWords, PolynomialWords
-from ph_post.errors import InputError
 from ph_post.gcode.arcs import swept_angle
 from ph_post.gcode.blocks import Feed
 from ph_post.gcode.curves import curves_of
@@ -32,42 +31,41 @@ _LONGEST_PART: Final = 5.0 * MS
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
-def with_extras(program: PartProgram, extras: Extras) -> PartProgram:
+def with_extras(program: PartProgram, extras: Extras) -> tuple[PartProgram, dict[int, str]]:
     """Return a program with its polynomials, circles and changing feeds.
 
-    Raises
-    ------
-    InputError
-        Where a denominator or a feed is not positive, or a circle leaves its plane.
+    The lines are returned too, with the reason, that are not to be followed: a denominator or a feed is not positive,
+    or a circle leaves its plane.
     """
-    program = replace(program, motions=_with_curves(program, extras))
-    return _with_profiles(program, extras.profiles)
+    motions, refused = _with_curves(program, extras)
+    found, more = _with_profiles(replace(program, motions=motions), extras.profiles)
+    return found, refused | more
 
 
-def _with_curves(program: PartProgram, extras: Extras) -> Motions:
+def _with_curves(program: PartProgram, extras: Extras) -> tuple[Motions, dict[int, str]]:
     motions = program.motions
     kind, center, angle = motions.kind.copy(), motions.center.copy(), motions.angle.copy()
-    nurbs = dict(motions.nurbs)
+    nurbs, refused = dict(motions.nurbs), {}
     for line, row in motion_rows(motions, extras.polynomials):
         units = program.modal_after(line).units
         found = _bezier(motions, row, extras.polynomials[line], units)
         if found is not None:
             if not (found[2] > 0.0).all():
-                raise _refused(program, line, "denominator with a zero", "a positive one")
+                refused[line] = _named(program, line, "denominator with a zero")
             kind[row], nurbs[row] = NURBS, found
     for line, row in motion_rows(motions, extras.circles):
         units = program.modal_after(line).units
         swept = _through(motions, row, extras.circles[line], units)
         if swept is None:
-            raise _refused(program, line, "circle in space", "three points in the plane, not on a line")
+            refused[line] = _named(program, line, "circle in space, or from an unknown position")
+            continue
         kind[row] = ARC
         center[row], angle[row] = swept
-    return replace(motions, kind=sealed(kind), center=sealed(center), angle=sealed(angle), nurbs=nurbs)
+    return replace(motions, kind=sealed(kind), center=sealed(center), angle=sealed(angle), nurbs=nurbs), refused
 
 
-def _refused(program: PartProgram, line: int, what: str, expected: str) -> InputError:
-    got = program.text(line).decode("utf-8", "replace").strip()
-    return InputError(f"{program.name}:{line + 1}", what, expected=expected, got=got)
+def _named(program: PartProgram, line: int, what: str) -> str:
+    return f"{what}: {program.text(line).decode('utf-8', 'replace').strip()}"
 
 
 def _bezier(motions: Motions, row: int, given: PolynomialWords, units: float) -> NurbsData | None:
@@ -125,10 +123,13 @@ class _Parts(msgspec.Struct, frozen=True, kw_only=True):
     feeds: Array
 
 
-def _with_profiles(program: PartProgram, profiles: Mapping[int, FeedProfileWords]) -> PartProgram:
+def _with_profiles(
+    program: PartProgram, profiles: Mapping[int, FeedProfileWords]
+) -> tuple[PartProgram, dict[int, str]]:
     """Divide motions whose feed changes into parts of one feed, so that all parts take their time."""
     motions = program.motions
     divided: dict[int, _Parts] = {}
+    refused: dict[int, str] = {}
     for line, row in motion_rows(motions, profiles):
         if line > 0 and not np.isnan(motions.feed[row]):
             speed = program.modal_after(line).units / MINUTE
@@ -136,16 +137,16 @@ def _with_profiles(program: PartProgram, profiles: Mapping[int, FeedProfileWords
             found = None if np.isnan(before) else _parts(motions, row, before, profiles[line], speed)
             if found is not None:
                 if not (found.feeds > 0.0).all():
-                    raise _refused(program, line, "feed that falls to zero", "a positive feed")
+                    refused[line] = _named(program, line, "feed that falls to zero")
                 divided[row] = found
     if not divided:
-        return program
+        return program, refused
     counts = np.ones(motions.kind.size, dtype=np.int64)
     for row, parts in divided.items():
         counts[row] = parts.feeds.size
     first = np.concatenate([[0], np.cumsum(counts)])
     breaks = tuple(replace(one, motion=int(first[one.motion])) for one in program.breaks)
-    return replace(program, motions=_expanded(motions, divided, first), breaks=breaks)
+    return replace(program, motions=_expanded(motions, divided, first), breaks=breaks), refused
 
 
 def _parts(motions: Motions, row: int, before: float, profile: FeedProfileWords, speed: float) -> _Parts | None:

@@ -8,12 +8,19 @@ program that jumps is refused, as its motion does not follow from the order of i
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from decimal import Decimal
 from typing import Final
 
-from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark, line_error, read_translated, text_of
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark, read_translated, text_of
 from ph_post.dialects.siemens import words as tables
+from ph_post.dialects.siemens.jumps import find_stretches
 from ph_post.dialects.siemens.motions import with_extras
+from ph_post.dialects.siemens.parameters import evaluate
+from ph_post.dialects.siemens.table import WordRows
 from ph_post.dialects.siemens.words import (
     CircleWords,
     Extras,
@@ -23,10 +30,10 @@ from ph_post.dialects.siemens.words import (
     read_words,
     without_comment,
 )
-from ph_post.errors import InputError
 from ph_post.gcode.program import AXES, CENTERS, PartProgram, PlaceArray
 from ph_post.gcode.read import shortened
 from ph_post.gcode.words import lines_of
+from ph_post.types import sealed
 
 _LEADING: Final = re.compile(r"[ \t]*(/\d?)?[ \t]*(?::\d+|N\d+)?[ \t]*(?:[A-Z_]\w+[ \t]*:(?!=)[ \t]*)?", re.IGNORECASE)
 """Block delete, number and label of a line."""
@@ -34,46 +41,96 @@ _LEADING: Final = re.compile(r"[ \t]*(/\d?)?[ \t]*(?::\d+|N\d+)?[ \t]*(?:[A-Z_]\
 _PARAMETER: Final = re.compile(r"R\d+|R\[.*\]")
 _QUIET: Final = re.compile(r"[NTDSHM]\d*|ACC\[.*\]")
 _CENTERS: Final = tuple(CENTERS.values())
+_TOOL_CHANGE: Final = 6
+_SPEEDS: Final = frozenset("ST")
+_ROUNDINGS: Final = frozenset(("RND", "CHF", "CHR", "RNDM"))
+"""Corners that are rounded or chamfered: behind the block, with RNDM behind all."""
+
+_KNOWN: Final = frozenset((*tables.MOTIONS, "POLY", "CIP", ""))
+_ELSEWHERE: Final = frozenset(("G53", "G153", "G500", "G54", "G55", "G56", "G57", "G70", "G71", "G700", "G710"))
+"""G words behind which the places of axes have other numbers."""
+
 _SHAPES: Final = frozenset((*AXES, *_CENTERS, "I1", "J1", "K1", "", "PL", "CR", "TURN"))
 """Names that shape a motion; the empty one is a denominator."""
 
 
 class SiemensModes:
-    """Modes in force: `motion` G0 to G3, POLY, CIP or "other", measures, and whether F comes linearly."""
+    """Modes in force: `motion` G0 to G3, POLY, CIP or another word, measures, and whether F comes linearly.
+
+    `at` are the places of the axes that are known, and `parameters` the R parameters; with `rounded` corners are
+    rounded until RNDM=0, and with `cut` the corner before the next motion is.
+    """
 
     def __init__(self) -> None:
         self.motion = ""
         self.absolute = True
-        self.arcs_absolute = False
         self.linear = False
         self.modal_call = False
+        self.rounded = False
+        self.cut = False
+        self.at: dict[str, Decimal] = {}
+        self.parameters: dict[str, Decimal] = {}
 
 
 class Translator:
     """Lines one after the other; `extras` is what is found beside them.
 
     A line with something that is not understood is passed through and named, and the position is unknown
-    behind it.
+    behind it. `rows` are the words of all lines, `motions` the motion word in force behind each where RS274 has
+    another. With `computes` parameters are worked out, which holds where lines run in their order.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, computes: bool = True, forced: Mapping[int, str] = {}) -> None:
         self.extras = Extras(polynomials={}, circles={}, profiles={}, remarks={})
         self.modes = SiemensModes()
+        self.rows = WordRows()
+        self.motions: dict[int, str] = {}
+        self._computes, self._forced = computes, forced
 
-    def translate(self, number: int, text: str) -> str:
-        """Return the RS274 line of a line."""
+    def translate(self, number: int, text: str, base: int) -> str:
+        """Return the RS274 line of a line, whose first byte is at `base`."""
         if text.lstrip().startswith("%"):
             return ""
+        line, skip = self._words_of(text)
+        if line is None:
+            return self.passed(number, without_comment(text).strip(), 1, NOT_UNDERSTOOD)
+        words = self._computed(line)
+        dwell, absolute = any(g_word(word) == "G4" for word in words), self.modes.absolute
+        found = skip + self._line(number, words) if words else ""
+        absolute = next((g_word(one) == "G90" for one in reversed(words) if g_word(one) in ("G90", "G91")), absolute)
+        if words:
+            self.rows.add(number, base, words, dwell=dwell, absolute=absolute)
+        if self.modes.motion not in tables.MOTIONS:
+            self.motions[number] = self.modes.motion
+        return found
+
+    def pass_unread(self, number: int, text: str, base: int, what: str) -> str:
+        """Pass a line through that may run more than once, or not at all; its words are kept."""
+        words, _ = self._words_of(text)
+        if words:
+            self.rows.add(number, base, words, dwell=False, absolute=True)
+        return self.passed(number, what, 1, NOT_UNDERSTOOD) if without_comment(text).strip() else ""
+
+    @staticmethod
+    def _words_of(text: str) -> tuple[list[Word] | None, str]:
         line = without_comment(text)
         leading = _LEADING.match(line)
         start = leading.end() if leading else 0
-        words = read_words(" " * start + line[start:])
-        if words is None:
-            return self.passed(number, line.strip(), 1, NOT_UNDERSTOOD)
-        if not words:
-            return ""
-        skip = "/" if leading and leading[1] else ""
-        return skip + self._line(number, words)
+        return read_words(" " * start + line[start:]), "/" if leading and leading[1] else ""
+
+    def _computed(self, words: list[Word]) -> list[Word]:
+        """Return words with numbers in the place of what follows from parameters that are known before the line."""
+        if not self._computes or all(word.kind != "computed" for word in words):
+            return words
+        known = self.modes.parameters
+        fresh = {word.name for word in words if _PARAMETER.fullmatch(word.name)}
+        found = []
+        for word in words:
+            other = {name: value for name, value in known.items() if name == word.name or name not in fresh}
+            value = evaluate(word.text.partition("=")[2], other) if word.kind == "computed" else None
+            number = word if value is None else replace(word, kind="number", values=(format(value, "f"),))
+            found.append(number)
+        return found
 
     def _line(self, number: int, words: list[Word]) -> str:
         first = words[0]
@@ -82,12 +139,19 @@ class Translator:
             return self.passed(number, "modal subprogram call", first.column, FORGOTTEN)
         if self.modes.modal_call:
             return self.passed(number, "block with a modal subprogram call", first.column, FORGOTTEN)
+        if number in self._forced:
+            line = _Line(self, number, words)
+            line.text()
+            return line.passed(first.column, self._forced[number])
         if first.name in tables.DECLARATIONS or any(g_word(word) in tables.LIMITS for word in words):
             return ""
         return "M2" if first.name == "RET" else _Line(self, number, words).text()
 
     def passed(self, number: int, what: str, column: int, text: str) -> str:
         """Name what is not understood on a line, and return what stands for it."""
+        self.modes.at.clear()
+        if text == NOT_UNDERSTOOD:
+            self.modes.parameters.clear()
         self.extras.remarks[number] = Remark(what=shortened(what), column=column)
         return text
 
@@ -101,6 +165,8 @@ class _Line:
         self.named: dict[str, Word] = {}
         self.dwell = any(g_word(word) == "G4" for word in words)
         self.home = any(g_word(word) in ("G74", "G75") for word in words)
+        self.machine = any(g_word(word) in _ELSEWHERE or word.name == "SUPA" for word in words)
+        self.ends: dict[str, Decimal] = {}
         self.unknown: Word | None = None
         self.lost = FORGOTTEN
 
@@ -110,19 +176,22 @@ class _Line:
             self._take(word)
         if self.dwell:
             return self._dwell()
+        if self.home or self.machine:
+            self.modes.at.clear()
         if not self.home:
             self._shape()
         if self.unknown is not None:
-            return self._passed(self.unknown)
+            return self.passed(self.unknown.column, self.unknown.text.strip())
+        self.modes.at |= self.ends
         return " ".join(part for part in self.parts if part)
 
-    def _passed(self, word: Word) -> str:
+    def passed(self, column: int, what: str) -> str:
         """Pass the line through; the modes and the feed that it sets are taken in all the same."""
         modes = [part for part in self.parts if part[:1] in "GMF"]
         for found in (self.of.extras.polynomials, self.of.extras.circles, self.of.extras.profiles):
             found.pop(self.number, None)
         text = " ".join([*(part for part in modes if part), self.lost])
-        return self.of.passed(self.number, word.text.strip(), word.column, text)
+        return self.of.passed(self.number, what, column, text)
 
     def _refuse(self, word: Word, lost: str = FORGOTTEN) -> None:
         self.unknown = self.unknown or word
@@ -147,12 +216,33 @@ class _Line:
 
     def _assigned(self, word: Word) -> None:
         """Take values of parameters, tools, spindles and tolerances, which move nothing; refuse others."""
-        if _PARAMETER.fullmatch(word.name):
-            self.of.passed(self.number, f"parameter: {word.text.strip()}", word.column, "")
+        plain = word.kind == "number" and not word.function
+        if plain and re.fullmatch(r"R\d+", word.name):
+            self.modes.parameters[word.name] = Decimal(word.values[0])
+        elif _PARAMETER.fullmatch(word.name):
+            if word.name in self.modes.parameters:
+                del self.modes.parameters[word.name]
+            elif "[" in word.name:
+                self.modes.parameters.clear()
+            self.of.extras.remarks[self.number] = Remark(
+                what=shortened(f"parameter: {word.text.strip()}"), column=word.column
+            )
+        elif plain and word.name in _SPEEDS:
+            self.parts.append(f"{word.name}{word.values[0]}")
+        elif word.name in _ROUNDINGS:
+            self._round(word)
         elif word.name not in tables.QUIET_NAMES and not _QUIET.fullmatch(word.name):
-            modal = word.name in ("F", "L", "RNDM") or word.name.startswith("$")
+            modal = word.name in ("F", "L") or word.name.startswith("$")
             if not (self.home and re.fullmatch(r"[A-Z]\d", word.name)):
                 self._refuse(word, NOT_UNDERSTOOD if modal else FORGOTTEN)
+
+    def _round(self, word: Word) -> None:
+        """Note that the corner behind this block is rounded or chamfered, or with RNDM all from here on are."""
+        if word.name == "RNDM":
+            self.modes.rounded = word.kind != "number" or float(word.values[0]) != 0.0
+        else:
+            self.modes.cut = True
+            self._refuse(word)
 
     def _g(self, word: Word) -> None:
         code = g_word(word)
@@ -163,13 +253,18 @@ class _Line:
             self._to_frame(word, tables.FRAMES[code])
         elif code in tables.G_WORDS:
             self.modes.motion = code if code in tables.MOTIONS else self.modes.motion
-            self.parts.append(tables.G_WORDS[code])
+            self.parts.append(tables.G_WORDS[code] + self._rounding(code))
         elif re.fullmatch(r"G5\d\d", code):
             self.parts.append("G59.2")
             self._refuse(word)
         elif code != "G4":
-            self.modes.motion = "other"
+            self.modes.motion = code
             self._refuse(word, NOT_UNDERSTOOD)
+
+    def _rounding(self, code: str) -> str:
+        """Return how far from a corner a path mode rounds it, as far as the line says."""
+        near = next((word for word in self.words if word.name == "ADIS" and word.kind == "number"), None)
+        return f" P{near.values[0]}" if near is not None and code.startswith("G64") and len(code) > len("G64") else ""
 
     def _m(self, word: Word) -> None:
         code = float(word.values[0])
@@ -177,6 +272,8 @@ class _Line:
             self.parts.append("M2")
         elif code in tables.M_WORDS:
             self.parts.append(f"M{code:g}")
+            if code == _TOOL_CHANGE:
+                self.modes.at.clear()
         elif code not in tables.QUIET_M:
             self._refuse(word)
 
@@ -194,7 +291,7 @@ class _Line:
         elif name in tables.FRAMES:
             self._to_frame(word, tables.FRAMES[name])
         elif name in tables.OTHER_MOTIONS:
-            self.modes.motion = "other"
+            self.modes.motion = name
             self._refuse(word)
         elif name not in tables.QUIET:
             self._refuse(word, NOT_UNDERSTOOD)
@@ -232,45 +329,68 @@ class _Line:
         ends = {name: self.named[name] for name in AXES if name in self.named}
         if not ends and not any(name in self.named for name in (*_CENTERS, "")):
             return
-        if self.modes.motion == "other":
-            self._refuse(next(iter(self.named.values())))
-        absolute = self._measure(list(ends.values()))
-        self.parts += [f"{name}{word.values[0]}" for name, word in ends.items()]
+        first = next(iter(self.named.values()))
+        cut, self.modes.cut = self.modes.cut, any(word.name in _ROUNDINGS for word in self.words)
+        if self.modes.motion not in _KNOWN or self.modes.rounded or cut:
+            self._refuse(first)
+        start = dict(self.modes.at)
+        self.parts = [one for one in self.parts if one not in ("G90", "G91")]
+        self.parts.insert(0, "G90" if self.modes.absolute else "G91")
+        for name, word in ends.items():
+            self._end(name, word)
         if self.modes.motion in ("G2", "G3"):
-            self._arc()
+            self._arc(start)
         elif self.modes.motion == "CIP":
-            self._circle(absolute)
+            self._circle()
         elif self.modes.motion == "POLY":
             self._polynomial(ends)
 
-    def _measure(self, ends: list[Word]) -> bool:
-        """Write G90 or G91 on every line that moves, as it is for its axes: they have to agree."""
-        own = "AC" if self.modes.absolute else "IC"
-        kinds = {word.function if word.function in ("AC", "IC") else own for word in ends}
-        if len(kinds) > 1:
-            self._refuse(ends[0])
-        absolute = kinds != {"IC"} if kinds else self.modes.absolute
-        self.parts = ["G90" if absolute else "G91", *(one for one in self.parts if one not in ("G90", "G91"))]
-        return absolute
+    def _end(self, name: str, word: Word) -> None:
+        """Add the end of an axis, in the measure that is in force."""
+        absolute, value = self.modes.absolute, Decimal(word.values[0])
+        kind = word.function if word.function in ("AC", "IC") else "AC" if absolute else "IC"
+        base = self.modes.at.get(name)
+        if kind == "IC" and base is not None:
+            self.ends[name] = base + value
+        elif kind == "AC":
+            self.ends[name] = value
+        else:
+            self.modes.at.pop(name, None)
+        if (absolute and name not in self.ends) or (not absolute and kind == "AC"):
+            self._refuse(word)
+        else:
+            found = self.ends[name] if absolute else value
+            if word.function == "IC" and absolute:
+                word = self._exchange(word, found)
+            self.parts.append(f"{name}{format(found, 'f')}")
 
-    def _arc(self) -> None:
+    def _exchange(self, word: Word, value: Decimal) -> Word:
+        """Put a word with a value in the place of another one, for the table of words."""
+        made = replace(word, values=(format(value, "f"),), function="")
+        self.words[self.words.index(word)] = made
+        return made
+
+    def _arc(self, start: Mapping[str, Decimal]) -> None:
         centers = {name: self.named[name] for name in _CENTERS if name in self.named}
-        kinds = {word.function == "AC" for word in centers.values()}
-        if len(kinds) > 1:
+        for name, word in centers.items():
+            value = Decimal(word.values[0])
+            if word.function == "AC":
+                base = start.get(AXES[_CENTERS.index(name)])
+                if base is None:
+                    self._refuse(word)
+                    return
+                value -= base
+            self.parts.append(f"{name}{format(value, 'f')}")
+        if len({word.function == "AC" for word in centers.values()}) > 1:
             self._refuse(next(iter(centers.values())))
-        absolute = kinds == {True}
-        if centers and absolute != self.modes.arcs_absolute:
-            self.modes.arcs_absolute = absolute
-            self.parts.append("G90.1" if absolute else "G91.1")
-        self.parts += [f"{name}{word.values[0]}" for name, word in centers.items()]
         if "CR" in self.named:
             self.parts.append(f"R{self.named['CR'].values[0]}")
         if "TURN" in self.named:
             self.parts.append(f"P{int(float(self.named['TURN'].values[0])) + 1}")
 
-    def _circle(self, absolute: bool) -> None:
+    def _circle(self) -> None:
         points = {name[0]: word for name, word in self.named.items() if name in ("I1", "J1", "K1")}
-        own = "AC" if absolute else "IC"
+        own = "AC" if self.modes.absolute else "IC"
         kinds = {word.function or own for word in points.values()}
         if len(kinds) != 1:
             self._refuse(self.words[0])
@@ -296,9 +416,6 @@ def g_word(word: Word) -> str:
     return f"G{float(word.values[0]):g}"
 
 
-_JUMP: Final = re.compile(r"\b(GOTO[BFCS]?|CASE|REPEATB?|UNTIL|CALL|PCALL|EXTCALL)\b", re.IGNORECASE)
-_OPENS: Final = re.compile(r"^\s*(?:N\d+\s*)?(IF|WHILE|FOR|LOOP)\b", re.IGNORECASE)
-_CLOSES: Final = re.compile(r"^\s*(?:N\d+\s*)?(ENDIF|ENDWHILE|ENDFOR|ENDLOOP)\b", re.IGNORECASE)
 _STRING: Final = re.compile(r'"[^"]*"')
 
 
@@ -313,7 +430,7 @@ def read_siemens(data: bytes, name: str) -> PartProgram:
     Raises
     ------
     InputError
-        As there, and for jumps, circles in space, and feeds or denominators that are not positive.
+        As there.
 
     Examples
     --------
@@ -322,31 +439,46 @@ def read_siemens(data: bytes, name: str) -> PartProgram:
     [[0.0, 0.0], [0.0005, 0.0], [0.001, 0.001]]
     """
     lines = lines_of(data, name)
-    translator = Translator()
-    texts = _translated(data, lines, name, translator)
-    program = read_translated(data, lines, name, texts, translator.extras.remarks, in_place=False)
-    return with_extras(program, translator.extras)
+    whole = [text_of(data, lines, number).decode("latin-1") for number in range(lines.size - 1)]
+    stretches = find_stretches([_STRING.sub('""', without_comment(text)) for text in whole])
+    forced: dict[int, str] = {}
+    while True:
+        translator = Translator(computes=not stretches, forced=forced)
+        texts = _translated(whole, lines, stretches, translator)
+        table = translator.rows.table()
+        program = read_translated(data, lines, name, texts, translator.extras.remarks, in_place=False, words=table)
+        program, refused = with_extras(program, translator.extras)
+        if not refused:
+            centred = np.unique(np.array(translator.rows.centred, dtype=np.int32))
+            return with_own_modes(replace(program, centred=sealed(centred)), translator.motions)
+        forced |= refused
 
 
-def _translated(data: bytes, lines: PlaceArray, name: str, translator: Translator) -> list[bytes]:
-    """Translate all lines; what stands between IF, WHILE, FOR, LOOP and their ends is passed through."""
+def _translated(
+    whole: Sequence[str], lines: PlaceArray, stretches: Mapping[int, str], translator: Translator
+) -> list[bytes]:
+    """Translate all lines; those that may be skipped or run again are passed through, by line with the reason."""
     texts: list[bytes] = []
-    depth, opened = 0, ""
-    for number in range(lines.size - 1):
-        text = text_of(data, lines, number).decode("latin-1")
-        bare = _STRING.sub('""', without_comment(text))
-        jump = _JUMP.search(bare)
-        if jump is not None:
-            wanted = "a program that runs line by line"
-            raise line_error(data, lines, name, number, "jump or call", wanted, jump[0])
-        found = _OPENS.match(bare)
-        opened = found[1].upper() if found and not depth else opened
-        depth += found is not None
-        if depth:
-            texts.append(translator.passed(number, opened, 1, NOT_UNDERSTOOD).encode())
+    for number, text in enumerate(whole):
+        base = int(lines[number])
+        if number in stretches:
+            found = translator.pass_unread(number, text, base, stretches[number])
         else:
-            texts.append(translator.translate(number, text).encode("latin-1"))
-        depth = max(0, depth - (_CLOSES.match(bare) is not None))
-    if depth:
-        raise InputError(name, f"{opened} without its end", expected=f"END{opened}", got="the end of the file")
+            found = translator.translate(number, text, base)
+        texts.append(found.encode("latin-1"))
     return texts
+
+
+def with_own_modes(program: PartProgram, motions: Mapping[int, str]) -> PartProgram:
+    """Return a program whose modes name the motion by the program's own word, by line."""
+    if not motions:
+        return program
+    modal, state = list(program.modal), program.state.copy()
+    known: dict[tuple[int, str], int] = {}
+    for line, word in motions.items():
+        key = int(state[line]), word
+        if key not in known:
+            known[key] = len(modal)
+            modal.append(replace(modal[key[0]], motion=word or None))
+        state[line] = known[key]
+    return replace(program, modal=tuple(modal), state=sealed(state))

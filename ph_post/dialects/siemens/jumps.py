@@ -1,0 +1,75 @@
+"""Lines of a Siemens program that may run more than once, or not at all."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Final
+
+JUMPED: Final = "lines of a jump"
+REPEATED: Final = "repeated part"
+CALLED: Final = "call of another program"
+
+_LEAD: Final = r"^\s*/?\d?\s*(?:[N:]\d+\s*)?"
+_JUMP: Final = re.compile(r"\bGOTO([BFCS]?)\b\s*([A-Z_$\"]\w*|N\d+|:\d+|\d+)?", re.IGNORECASE)
+_REPEAT: Final = re.compile(
+    r"\bREPEAT(B?)\b\s+(?!UNTIL)([A-Z_]\w*|N\d+)(?:\s+([A-Z_]\w*|N\d+)(?!\w|\s*=))?", re.IGNORECASE
+)
+_CALL: Final = re.compile(r"\b(?:CALL|PCALL|EXTCALL|ISOCALL|CASE)\b", re.IGNORECASE)
+_LABEL: Final = re.compile(r"^\s*(?:[N:]\d+\s*)?([A-Z_]\w+)\s*:(?!=)", re.IGNORECASE)
+_NUMBER: Final = re.compile(r"^\s*/?\d?\s*(N\d+|:\d+)", re.IGNORECASE)
+_OPENS: Final = re.compile(_LEAD + r"(IF|WHILE|FOR|LOOP|REPEAT)\b", re.IGNORECASE)
+_CLOSES: Final = re.compile(_LEAD + r"(ENDIF|ENDWHILE|ENDFOR|ENDLOOP|UNTIL)\b", re.IGNORECASE)
+
+
+def find_stretches(lines: Sequence[str]) -> dict[int, str]:
+    """Return why a line may run more than once, or not at all, by line.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        The lines without comments, strings empty.
+
+    Examples
+    --------
+    >>> sorted(find_stretches(["X1", "IF R1>0 GOTOF DONE", "X2", "DONE:", "X3"]))
+    [1, 2, 3]
+    """
+    found: dict[int, str] = {}
+    places: dict[str, int] = {}
+    for number, text in enumerate(lines):
+        for pattern in (_LABEL, _NUMBER):
+            if label := pattern.match(text):
+                places.setdefault(label[1].upper(), number)
+    depth, opened = 0, ""
+    for number, text in enumerate(lines):
+        jump, repeat = _JUMP.search(text), _REPEAT.search(text)
+        opens = _OPENS.match(text) if jump is None and repeat is None else None
+        opened = opens[1].upper() if opens and not depth else opened
+        depth += opens is not None
+        if depth:
+            found.setdefault(number, opened)
+        depth = max(0, depth - (_CLOSES.match(text) is not None))
+        if jump is not None:
+            targets = [one[2].upper() if one[2] else "" for one in _JUMP.finditer(text)]
+            ends = [places.get(target, -1) for target in targets]
+            _mark(found, number, ends, len(lines), f"{JUMPED}: {jump[0].strip()}")
+        elif repeat is not None:
+            names = [name.upper() for name in repeat.groups()[1:] if name]
+            ends = [places.get(name, -1) for name in names]
+            if repeat[1] or len(names) > 1:
+                found[number] = REPEATED
+                _mark(found, max(ends), ends, len(lines), REPEATED)
+            else:
+                _mark(found, number, ends, len(lines), REPEATED)
+        elif _CALL.search(text):
+            found[number] = CALLED
+    return found
+
+
+def _mark(found: dict[int, str], number: int, targets: Sequence[int], count: int, what: str) -> None:
+    """Mark the lines between a line and those it leads to; all where one of these is not known."""
+    known = bool(targets) and min(targets) >= 0
+    low, high = (min(number, *targets), max(number, *targets)) if known else (0, count - 1)
+    for line in range(low, high + 1):
+        found.setdefault(line, what)

@@ -1,0 +1,131 @@
+"""Motions of a SINUMERIK program, by a small interpreter of its own: words to dense places of the motors [mm].
+
+It follows G0 to G3 with I, J, K, AC, IC, CR and TURN, CIP, G90 and G91, R parameters that are set by numbers, and
+passes over everything else. Circles lie in the plane X, Y. Nothing is shared with ph_post.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+
+STEP = 1e-2
+"""Distance of places on a path [mm]."""
+
+_WORD = re.compile(
+    r"(CIP|POLY|[A-Z]+SPLINE)(?![A-Z0-9])"
+    r"|(CR|TURN|[IJK]1(?=\s*=)|R\d+|[A-Z])\s*=?\s*(AC|IC)?\s*\(?\s*([-+]?\d*\.?\d+|R\d+)\s*\)?"
+)
+
+
+class Run:
+    """Places (n, 3), whether each is reached while the tool cuts, and the time [s] that dwells and feeds take."""
+
+    def __init__(self, text: str) -> None:
+        self.at = np.zeros(3)
+        self.points: list[np.ndarray] = [self.at[None]]
+        self.cuts: list[np.ndarray] = [np.zeros(1, dtype=bool)]
+        self.seconds = 0.0
+        self._mode, self._absolute, self._feed = "G0", True, 1000.0
+        self._known: dict[str, float] = {}
+        for line in text.splitlines():
+            bare = re.sub(r'"[^"]*"', "", line).split(";")[0].strip()
+            if not bare.startswith("%"):
+                self._line(re.sub(r"^N\d+\s*", "", bare))
+
+    @property
+    def path(self) -> np.ndarray:
+        return np.concatenate(self.points)
+
+    @property
+    def cutting(self) -> np.ndarray:
+        return np.concatenate(self.cuts)
+
+    def _line(self, line: str) -> None:
+        if re.match(r"(?:M?CALL|CYCLE|MSG|TRANS|A?ROT|DEF|G4\b|SPOS|MCALL)", line):
+            found = re.match(r"G4\s*F\s*([\d.]+)", line)
+            self.seconds += float(found[1]) if found else 0.0
+            return
+        ends: dict[int, float] = {}
+        words: dict[str, tuple[str, float]] = {}
+        for keyword, name, kind, number in _WORD.findall(line):
+            if keyword:
+                self._mode = keyword
+                continue
+            value = self._known[number] if number[0] == "R" else float(number)
+            if name == "G":
+                self._mode = f"G{value:g}" if value in (0, 1, 2, 3) else self._mode
+                self._absolute = {90: True, 91: False}.get(int(value), self._absolute)
+            elif re.fullmatch(r"R\d+", name):
+                self._known[name] = value
+            elif name in ("X", "Y", "Z"):
+                axis = "XYZ".index(name)
+                absolute = kind == "AC" or (self._absolute and kind != "IC")
+                ends[axis] = value if absolute else self.at[axis] + value
+            elif name == "F":
+                self._feed = value
+            else:
+                words[name] = kind, value
+        if ends or (self._mode in ("G2", "G3") and "I" in words):
+            self._move(ends, words)
+
+    def _move(self, ends: dict[int, float], words: dict[str, tuple[str, float]]) -> None:
+        begin, end = self.at, self.at.copy()
+        for axis, value in ends.items():
+            end[axis] = value
+        if self._mode in ("G2", "G3", "CIP"):
+            center, angle = self._circle(begin, end, words)
+            radius = np.hypot(*(begin[:2] - center))
+            count = max(2, math.ceil(radius * abs(angle) / STEP))
+            share = np.linspace(0.0, 1.0, count + 1)[1:]
+            turned = math.atan2(begin[1] - center[1], begin[0] - center[0]) + angle * share
+            height = begin[2] + share * (end[2] - begin[2])
+            places = np.column_stack([center[0] + radius * np.cos(turned), center[1] + radius * np.sin(turned), height])
+            places[-1] = end
+        else:
+            count = max(2, math.ceil(float(np.linalg.norm(end - begin)) / STEP))
+            places = begin + np.linspace(0.0, 1.0, count + 1)[1:, None] * (end - begin)
+        self.points.append(places)
+        self.cuts.append(np.full(len(places), self._mode != "G0"))
+        way = np.linalg.norm(np.diff(np.vstack([begin, places]), axis=0), axis=1).sum()
+        self.seconds += 60.0 * way / (self._feed if self._mode != "G0" else 6000.0)
+        self.at = end
+
+    def _circle(self, begin, end, words) -> tuple[np.ndarray, float]:
+        a, b = begin[:2], end[:2]
+        if self._mode == "CIP":
+            kinds = words["I1"][0], words["J1"][0]
+            given = np.array([words["I1"][1], words["J1"][1]])
+            away = [kind == "IC" or (not kind and not self._absolute) for kind in kinds]
+            middle = given + np.where(away, a, 0.0)
+            rows = np.array([middle - a, b - a])
+            right = 0.5 * (np.array([middle @ middle, b @ b]) - a @ a)
+            center = np.linalg.solve(rows, right)
+            first, last = (_turn(a - center, point - center) for point in (middle, b))
+            return center, last if first < last else last - math.tau
+        left = self._mode == "G3"
+        if "CR" in words:
+            radius = words["CR"][1]
+            half = 0.5 * np.linalg.norm(b - a)
+            away = math.sqrt(max(radius * radius - half * half, 0.0)) * (1 if (radius > 0) == left else -1)
+            across = np.array([-(b - a)[1], (b - a)[0]]) / (2.0 * half)
+            center = 0.5 * (a + b) + away * across
+        else:
+            center = a.copy()
+            for axis, name in enumerate("IJ"):
+                kind, value = words.get(name, ("", 0.0))
+                center[axis] = value if kind == "AC" else a[axis] + value
+        angle = _turn(a - center, b - center)
+        if np.allclose(a, b, atol=1e-9):
+            angle = 0.0
+        angle = (angle or math.tau) if left else (angle - math.tau)
+        more = math.tau * words.get("TURN", ("", 0.0))[1]
+        return center, angle + (more if left else -more)
+
+
+def _turn(one: np.ndarray, other: np.ndarray) -> float:
+    """Angle from one direction to another, to the left, from 0 to 2 pi."""
+    found = math.atan2(one[0] * other[1] - one[1] * other[0], one @ other) % math.tau
+    return 0.0 if found > math.tau - 1e-7 else found
