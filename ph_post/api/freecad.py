@@ -136,8 +136,8 @@ POSTS: Final = {
     "linuxcnc": "linuxcnc",
     "marlin": "marlin",
 }
-"""FreeCAD's own post-processor for each dialect. It has none for Klipper and Siemens, whose users name
-one; the programs of Heidenhain cannot be compensated, whoever has posted them."""
+"""FreeCAD's own post-processor for each dialect. Users of Klipper, Siemens and Heidenhain name one; ISO
+programs of Heidenhain cannot be compensated, whoever has posted them."""
 
 
 class CurveRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

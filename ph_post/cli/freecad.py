@@ -23,7 +23,7 @@ def command(installs: bool, folder: str | None, trace: str | None, machine: str 
     In FreeCAD choose in the job's output the processor `backlash` and the arguments `--machine=FILE.toml`.
     The job is posted by FreeCAD's own post-processor for the dialect of that machine (or `--post=NAME`), and
     the program compensated and verified as by `ph-post convert`. FreeCAD has one for fanuc, grbl, grblhal,
-    linuxcnc and marlin, and none for klipper and siemens; programs of heidenhain cannot be compensated.
+    linuxcnc and marlin; for others name one. ISO programs of Heidenhain cannot be compensated.
     Arguments that FreeCAD's post-processor knows go to it, others to `ph-post convert`; the tooltip of the
     field lists them. Arcs stay arcs, and what FreeCAD sampled from a spline is written as a spline where the
     controller plays G5. What goes wrong is told in FreeCAD in one line, and nothing is written then.

@@ -22,9 +22,6 @@ MOTION_WORDS: Final = {
 }
 """Words that set the motion mode, by the number behind the G."""
 
-AFTER_MOTION: Final = (0.0, 1.0, 2.0, 30.0, 60.0)
-"""M words that RS274/NGC executes after the motion of their block; all others go before it."""
-
 _ENDING: Final = (2.0, 30.0)
 """M words after which nothing is read."""
 
@@ -61,7 +58,8 @@ def motion_word(program: PartProgram, block: int) -> int | None:
 def words_after_motion(program: PartProgram, block: int) -> list[int]:
     """Words of a line that are executed after its motion."""
     words = program.words
-    return [w for w in program.words_of(block) if words.letter[w] == ord("M") and float(words.value[w]) in AFTER_MOTION]
+    after = program.language.after_motion
+    return [w for w in program.words_of(block) if words.letter[w] == ord("M") and float(words.value[w]) in after]
 
 
 def text_after_motion(program: PartProgram, block: int) -> str:
@@ -101,6 +99,8 @@ def relies_on_mode(program: PartProgram, block: int) -> bool:
 
 def next_relying(program: PartProgram, block: int) -> int | None:
     """Return the first line from `block` on that moves by the mode in force; none if it is set before."""
+    if not program.language.modal:
+        return None
     while block < program.blocks:
         if motion_word(program, block) is not None:
             return None
@@ -316,6 +316,18 @@ class PartWords:
             "P": "P" + self._text(inner[1, 0] - end[0]),
             "Q": "Q" + self._text(inner[1, 1] - end[1]),
         }
+
+    def radius(self, part: MotionPart) -> str:
+        """Word of the radius of a part of an arc whose line gives one, and no centre; empty for others.
+
+        Where lines of their own set centres, those would last beyond it.
+        """
+        kind, own = self.program.motions.kind[self.motion], self._own.get("R")
+        if self.program.language.spelling is None or kind != ARC or own is None:
+            return ""
+        digits = self.program.data[self.program.words.start[own] + 1 : self.program.words.end[own]]
+        turned = abs(float(self.program.motions.angle[self.motion])) * (part.high - part.low)
+        return f"R{'-' if turned > math.pi else '+'}{digits.decode('latin-1').strip().lstrip('+-')}"
 
     @property
     def mode(self) -> str:

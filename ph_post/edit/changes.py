@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from bisect import bisect_right
 from collections.abc import Callable, Iterator
 
 import msgspec
@@ -17,7 +19,7 @@ from ph_post.edit.preconditions import why_kept_whole
 from ph_post.edit.word_shifts import MotionOffsets, stop_label
 from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import part_length
-from ph_post.gcode.program import AXES, RAPID, Modal, PartProgram
+from ph_post.gcode.program import ARC, AXES, RAPID, Modal, PartProgram, Spelling
 from ph_post.types import IntArray
 from ph_post.units import MINUTE, MM
 
@@ -45,6 +47,10 @@ def _goes_on(before: MotionEdit, task: MotionEdit) -> bool:
     """Return true where a crossing on a motion goes on over the joint to the next one."""
     both = (before.parts[-1].crossing, task.parts[0].crossing)
     return before.motion + 1 == task.motion and None not in both
+
+
+_CENTRE = re.compile(r"\s*(?:\d+\s+)?CC\b")
+"""A block that sets the centre of circles."""
 
 
 class Change(msgspec.Struct, kw_only=True):
@@ -91,6 +97,7 @@ class ChangeWriter:
         self._feed: str | None = None
         self._path: str | None = None
         self._stale = False
+        self._poles = sorted(program.poles)
 
     def write(self, tasks: list[MotionEdit]) -> Iterator[Change]:
         """Write the changes of all tasks, which come in the order of travel."""
@@ -160,6 +167,7 @@ class ChangeWriter:
     def _restore(self, block: int) -> None:
         """Write what has to be as it was after a line."""
         assert self._change is not None
+        self._restore_pole(block)
         modal, lines = self._program.modal_after(block), self._change.lines
         if self._path != modal.path and modal.path is not None:
             lines.append(self._program.language.path_words.get(modal.path, modal.path))
@@ -169,7 +177,7 @@ class ChangeWriter:
             if self._dialect.syntax.modal_motion:
                 lines.append(f"F{feed}")
             else:
-                lines.append(self._joined("G1", f"F{feed}"))
+                self._add("G1", f"F{feed}")
                 self._mode = "G1"
             self._feed = feed
         relying = block_words.next_relying(self._program, block + 1)
@@ -230,7 +238,10 @@ class ChangeWriter:
             self._path_mode(task.motion, part, words.modal)
             if part.crossing is not None:
                 offset[:] = np.rint(part.crossing.added / (words.modal.units * 10.0**-self._decimals))
-            if number == 0 and task.whole:
+            spelling = self._program.language.spelling
+            if number == 0 and spelling is not None and self._program.motions.kind[task.motion] != RAPID:
+                self._first_spelled(spelling, block, words, part, offset)
+            elif number == 0 and task.whole:
                 self._first(block, self._numbers(block), [], words, part)
             elif number == 0:
                 new = words.part(part, offset)
@@ -276,10 +287,64 @@ class ChangeWriter:
         self._mode = mode
         self._feed = feed if cuts or own is not None else self._feed
 
+    def _first_spelled(
+        self, spelling: Spelling, block: int, words: PartWords, part: MotionPart, offset: IntArray
+    ) -> None:
+        """Write the first part of a motion in the place of its line, in a language of other words."""
+        assert self._change is not None
+        body, mode = self._body(words, part, offset)
+        feed = self._feed_of(words, part)
+        if feed is not None and (feed != self._feed or "F" in block_words.words_by_letter(self._program, block)):
+            body.append(f"F{feed}")
+            self._feed = feed
+        later = self._program.language.after_motion
+        self._change.lines += spelling.first(block_words.line_text(self._program, block), mode, body, later)
+        self._mode = mode
+
+    def _body(self, words: PartWords, part: MotionPart, offset: IntArray) -> tuple[list[str], str]:
+        """Return the words of a part, and the mode in which it is written."""
+        body = [text for text in words.part(part, offset).values() if text]
+        straight = part.crossing is not None and part.crossing.line
+        radius = "" if straight else words.radius(part)
+        if radius:
+            body = [text for text in body if text[0] not in "IJK"] + [radius]
+        return body, "G1" if straight else words.mode
+
+    def _restore_pole(self, block: int) -> None:
+        """Set the centre of circles again where the change has set others, as the next arc about it needs it."""
+        assert self._change is not None
+        program, spelling = self._program, self._program.language.spelling
+        set_before = bisect_right(self._poles, block)
+        if spelling is None or set_before == 0 or not any(_CENTRE.match(line) for line in self._change.lines):
+            return
+        pole = program.poles[self._poles[set_before - 1]]
+        behind = self._poles[set_before] if set_before < len(self._poles) else program.blocks
+        motions = program.motions
+        arcs = np.flatnonzero((motions.kind == ARC) & (motions.block > block) & (motions.block < behind))
+        shift = self._carried.word[int(arcs[0])] if arcs.size else np.zeros(3, dtype=np.int64)
+        scale = 10**self._fine
+        place = [
+            AXES[axis] + self._dialect.numbers.length(round(value * scale) + int(shift[axis]) * self._grid, self._fine)
+            for axis, value in enumerate(pole)
+            if value is not None
+        ]
+        self._change.lines.append(spelling.centre(place))
+
+    @property
+    def _grid(self) -> int:
+        """Finest steps in one step of new lengths."""
+        return int(10 ** (self._fine - self._decimals))
+
+    def _add(self, mode: str, *words: str) -> None:
+        """Add a block with a motion mode."""
+        assert self._change is not None
+        spelling = self._program.language.spelling
+        self._change.lines += [self._joined(mode, *words)] if spelling is None else spelling.lines(mode, words)
+
     def _line(self, words: PartWords, part: MotionPart, offset: IntArray) -> None:
         """Write a further part on a line of its own."""
         assert self._change is not None
-        body = [text for text in words.part(part, offset).values() if text]
+        body, mode = self._body(words, part, offset)
         filament = filament_of(self._program).get(words.block)
         if filament is not None:
             body.append(filament.word(part.low, part.high))
@@ -287,8 +352,7 @@ class ChangeWriter:
         if feed is not None and (feed != self._feed or words.modal.feed_mode == 93):
             body.append(f"F{feed}")
             self._feed = feed
-        mode = "G1" if part.crossing is not None and part.crossing.line else words.mode
-        self._change.lines.append(self._joined(mode, *body))
+        self._add(mode, *body)
         self._mode = mode
 
     def _feed_of(self, words: PartWords, part: MotionPart) -> str | None:
@@ -339,7 +403,7 @@ class ChangeWriter:
     def _stop(self, stop: StopEdit, words: PartWords, share: float, offset: IntArray) -> None:
         """Write a dwell, and a jog and a dwell for each shift; `offset` is carried on."""
         assert self._change is not None
-        lines, modal = self._change.lines, words.modal
+        modal = words.modal
         step = modal.units * 10.0**-self._decimals
         self._change.label += stop_label(stop, offset, step)
         self._rest(stop.pause)
@@ -353,14 +417,14 @@ class ChangeWriter:
             offset[axis] = base[axis] + round(moved[axis] / step)
             if rapid:
                 self._mode = "G0"
-                lines.append(self._joined("G0", words.jog(axis, offset, share)))
+                self._add("G0", words.jog(axis, offset, share))
                 self._rest(shift.pause)
                 continue
             rate = shift.velocity / (abs(shift.travel) if modal.feed_mode == 93 else modal.units) * MINUTE
             feed = self._inverse(rate) if modal.feed_mode == 93 else self._digits(_lowered(rate))
             new = [] if feed == self._feed and modal.feed_mode != 93 else [f"F{feed}"]
             self._feed, self._mode = feed, "G1"
-            lines.append(self._joined("G1", words.jog(axis, offset, share), *new))
+            self._add("G1", words.jog(axis, offset, share), *new)
             self._rest(shift.pause)
 
     def _rest(self, pause: float) -> None:
@@ -368,7 +432,7 @@ class ChangeWriter:
         assert self._change is not None
         if pause >= _LEAST_PAUSE:
             words = self._dialect.dwell_words(pause)
-            self._change.lines.append(self._joined(*words))
+            self._change.lines += self._joined(*words).split("\n")
 
     def _digits(self, value: float) -> str:
         return self._dialect.numbers.feed(value)

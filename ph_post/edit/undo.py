@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import binascii
 import hashlib
+import re
 import zlib
 from itertools import pairwise
 from typing import Final
@@ -75,11 +76,11 @@ def original_of(program: PartProgram, name: str | None = None) -> PartProgram | 
 
 def restore(data: bytes, name: str) -> bytes:
     """Return what the payload of a program restores, without a check of the result."""
-    payload, end = read_payload(data, name)
+    payload, end, behind = read_payload(data, name)
     if payload.whole is not None:
         return payload.whole
     try:
-        text = _Restorer(data, end, payload, declared_language(data)).run()
+        text = _Restorer(data, end, payload, declared_language(data)).run() + data[behind:]
     except (IndexError, ValueError) as error:
         raise InputError(name, "the program was changed after it was compensated, and cannot be undone") from error
     return text[: len(text) - (2 if text.endswith(b"\r\n") else 1)] if payload.bare else text
@@ -208,6 +209,7 @@ def _with_odd(pool: ByteArray, bounds: IntArray, odd: dict[int, bytes]) -> tuple
 _LEVEL: Final = 6
 _WIDTH: Final = 120
 _LINE = comment_pattern(rf"{MARK}(undo) (\d+)/(\d+) ([A-Za-z0-9+/=]+)")
+_BREAK: Final = re.compile(rb"\A[ \t]*(?:\r\n|\r|\n|\Z)")
 _CAPITALS: Final = b"UNDO"
 """Lines in capitals hold base 32, which has no small letters; others base 64."""
 
@@ -250,8 +252,20 @@ def payload_start(data: bytes) -> int:
     return find_last(data, "undo 1/")
 
 
-def read_payload(data: bytes, name: str) -> tuple[Payload, int]:
-    """Return the payload of a program, and the place where its lines begin.
+def without_payload(data: bytes, name: str) -> bytes:
+    """Return a program without the lines of its payload.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_payload`.
+    """
+    _, begin, behind = read_payload(data, name)
+    return data[:begin] + data[behind:]
+
+
+def read_payload(data: bytes, name: str) -> tuple[Payload, int, int]:
+    """Return the payload of a program, the place where its lines begin, and the one behind their end.
 
     Raises
     ------
@@ -261,12 +275,15 @@ def read_payload(data: bytes, name: str) -> tuple[Payload, int]:
     begin = payload_start(data)
     if begin < 0:
         raise InputError(name, "the lines at the end that undo the compensation are missing")
-    rows = [mark_text(row) for row in _LINE.finditer(data, begin)]
+    found = list(_LINE.finditer(data, begin))
+    rows = [mark_text(row) for row in found]
     if not rows or [int(row[1]) for row in rows] != list(range(1, int(rows[0][2]) + 1)):
         raise InputError(name, "lines that undo the compensation are missing")
     try:
         decode = base64.b32decode if rows[0][0] == _CAPITALS else base64.b64decode
         packed = decode(b"".join(row[3] for row in rows))
-        return msgspec.msgpack.decode(zlib.decompress(packed), type=Payload), begin
+        behind = found[-1].end()
+        behind += len(data[behind:]) - len(_BREAK.sub(b"", data[behind:], count=1))
+        return msgspec.msgpack.decode(zlib.decompress(packed), type=Payload), begin, behind
     except (binascii.Error, zlib.error, msgspec.DecodeError) as error:
         raise InputError(name, "lines that undo the compensation are damaged") from error

@@ -254,6 +254,8 @@ def shifted_words(program: PartProgram, found: MotionOffsets) -> ShiftedWords:
     words, motions = program.words, program.motions
     owner = np.full(program.blocks, -1, dtype=np.int64)
     owner[motions.block] = np.arange(motions.block.size)
+    for line, arc in program.centre_lines.items():
+        owner[line] = owner[arc]
     absolute = np.array([modal.absolute for modal in program.modal], dtype=np.bool_)[program.state]
     word, delta = _gather(
         (words.letter, words.block, words.decimals),

@@ -16,7 +16,7 @@ from ph_post.edit.block_words import line_end
 from ph_post.edit.changes import Change, ChangeWriter
 from ph_post.edit.edits import EditOptions, Edits, schedule, stops_written
 from ph_post.edit.preconditions import own_setting, program_units, word_decimals
-from ph_post.edit.undo import Payload, payload_lines, payload_start, restore
+from ph_post.edit.undo import Payload, payload_lines, restore, without_payload
 from ph_post.edit.word_shifts import (
     MOST_DECIMALS,
     ShiftedWords,
@@ -35,6 +35,7 @@ from ph_post.units import MM
 from ph_post.version import package_version
 
 _O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
+_BEGINS: Final = re.compile(rb"^\s*(?:\d+\s+)?BEGIN\s+PGM\b", re.IGNORECASE)
 _PATH: Final = re.compile(rb"^\s*;\s*\$PATH=")
 """The folder of a SINUMERIK program, which stands right behind its name."""
 
@@ -107,7 +108,7 @@ def apply_edits(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
     text = _write_text(program, edits, dialect, declaration)
     if _restores(text, program):
         return text
-    return _with_payload(program, text[: payload_start(text)], Payload(whole=program.data), dialect)
+    return _with_payload(program, without_payload(text, program.name), Payload(whole=program.data), dialect)
 
 
 def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration) -> bytes:
@@ -254,7 +255,7 @@ def _head_line(program: PartProgram) -> int:
     A byte order mark stays the first of all.
     """
     line, first = 0, program.text(0)
-    if first.startswith(codecs.BOM_UTF8) or first.strip().startswith(b"%"):
+    if first.startswith(codecs.BOM_UTF8) or first.strip().startswith(b"%") or _BEGINS.match(first):
         line = 1
     if line < program.blocks and _O_NUMBER.match(program.text(line).rstrip()):
         line += 1
@@ -279,9 +280,12 @@ def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
 
 
 def _with_payload(program: PartProgram, body: bytes, payload: Payload, dialect: Dialect) -> bytes:
-    """Append the payload lines, by which undo restores the original."""
+    """Append the payload lines, by which undo restores the original, but before a last line that closes it."""
     lines = payload_lines(payload, dialect.syntax.max_line, dialect.syntax.comments)
-    return body + _join_lines(lines, line_end(program))
+    closing = program.language.closing
+    last = None if closing is None else closing.search(body)
+    at = len(body) if last is None else last.start()
+    return body[:at] + _join_lines(lines, line_end(program)) + body[at:]
 
 
 _DIGITS: Final = 16

@@ -6,8 +6,9 @@ says in which respects a controller's language differs from RS274/NGC, or names 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final, Literal
+from typing import Final, Literal, Protocol
 
 import msgspec
 import numpy as np
@@ -15,6 +16,19 @@ from numpy.typing import NDArray
 
 from ph_post.gcode import codes
 from ph_post.types import Array, BoolArray, IntArray
+
+
+class Spelling(Protocol):
+    """Writes blocks of a language whose motions are no RS274 words."""
+
+    def lines(self, mode: str, words: Sequence[str]) -> list[str]:
+        """Return the blocks of a motion, from its mode (G0 to G3) and its words in RS274."""
+
+    def first(self, line: str, mode: str, words: Sequence[str], later: Sequence[float]) -> list[str]:
+        """Return a line with other words of its motion, and without the M words `later`."""
+
+    def centre(self, place: Sequence[str]) -> str:
+        """Return the block that sets the centre of the circles behind it."""
 
 
 class Language(msgspec.Struct, frozen=True, kw_only=True):
@@ -51,6 +65,14 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         Words of motion modes that may stand alone on a line.
     path_words : mapping of str to str
         Words of path modes that are others than RS274/NGC's, by those.
+    spelling : Spelling or None
+        How its blocks are written where they are no RS274 words.
+    modal : bool
+        Whether the motion mode lasts, so that a line may move without a word of it.
+    after_motion : tuple of float
+        M words that are executed behind the motion of their line.
+    closing : pattern or None
+        Of a last line, behind which nothing may stand.
     turns : callable
         ``turns(number) -> text``: the word of an arc of so many turns.
     """
@@ -67,6 +89,10 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     whole: Callable[[str, int, int], tuple[int, int]] | None = None
     lone_modes: frozenset[str] = frozenset(("G0",))
     path_words: Mapping[str, str] = {}
+    spelling: Spelling | None = None
+    modal: bool = True
+    after_motion: tuple[float, ...] = (0.0, 1.0, 2.0, 30.0, 60.0)
+    closing: re.Pattern[bytes] | None = None
     turns: Callable[[int], str] = "P{}".format
 
     def hidden(self, data: bytes) -> bytes:
@@ -263,6 +289,8 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     the program has it, NaN before the first. `breaks` in order, the first at the beginning, the last at the
     end. `notes` name what was passed through. `language` is the one it was read in, and the one for all
     that is made of it. `centred` lines give the centre of an arc as a place, whatever the mode of centres.
+    `poles` are the centres (X, Y, Z) [units] that lines of their own set, None where not known or not set;
+    `centre_lines` says for such a line which is the first with an arc about it.
     """
 
     name: str
@@ -278,6 +306,8 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     notes: tuple[Note, ...]
     language: Language = RS274
     centred: PlaceArray = _NOWHERE
+    poles: Mapping[int, tuple[float | None, ...]] = {}
+    centre_lines: Mapping[int, int] = {}
 
     @property
     def blocks(self) -> int:
@@ -305,6 +335,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Return true for each line on which the centre of an arc is a place, shape (n,)."""
         found = np.array([modal.arc_absolute for modal in self.modal], dtype=np.bool_)[self.state]
         found[self.centred] = True
+        found[list(self.centre_lines)] = True
         return found
 
     def words_of(self, block: int) -> range:

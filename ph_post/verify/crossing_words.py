@@ -17,9 +17,6 @@ _OWN = b"GXYZFNIJKRP"
 """Letters of the blocks of crossings, and of the parts of motions beside them."""
 
 _COMMANDS = b"MSTO"
-_AFTER = (0.0, 1.0, 60.0)
-"""M words that stop the program behind the motion of their block."""
-
 _DWELL = 4.0
 _EXTRUDED = re.compile(rb"[Ee][ \t]*([-+]?(?:\d+\.?\d*|\.\d+))")
 _COMMENT = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
@@ -153,7 +150,7 @@ def _check_commands(case: VerifyCase, own: _Places, change: int) -> None:
             continue
         _, _, there = rest[at]
         rest = rest[at + 1 :]
-        after = letter == "M" and value in _AFTER
+        after = letter == "M" and value in one.language.after_motion
         if not own.alike(own.of(0, block, after), own.of(1, there, after)):
             text = f"G4 of {value:g} s" if letter == "G" else f"{letter}{value:g}"
             case.findings.add(

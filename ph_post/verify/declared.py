@@ -17,8 +17,12 @@ _FACT = re.compile(rb"\(ph-post: ([^+].*)\)\s*", re.IGNORECASE)
 _MORE = re.compile(rb"\(  (.*)\)\s*")
 """A fact that is too long for its line goes on in lines that begin with two blanks."""
 
-_BEFORE = re.compile(rb"\xef\xbb\xbf.*\s*|\s*(?:%.*|O\d+\b.*|;\s*\$PATH=.*)?\s*", re.IGNORECASE)
-"""Lines that may come before the header: one with a byte order mark, blank lines, ``%``, an O-number, a folder."""
+_BEFORE = re.compile(rb"\xef\xbb\xbf.*\s*|\s*(?:%.*|O\d+\b.*|;\s*\$PATH=.*|\d*\s*BEGIN\s+PGM\b.*)?\s*", re.IGNORECASE)
+"""Lines that may come before the header: one with a byte order mark, blank lines, ``%``, an O-number, a folder, BEGIN
+PGM."""
+
+_ENDING = re.compile(rb"\s*(?:\d+\s+)?END\s+PGM\b.*\s*|\s*N\s*9999\d*\s*%.*\s*|\s*", re.IGNORECASE)
+"""Lines that may come behind the undo lines: the one that closes a program, and blank ones."""
 
 _UNDO = re.compile(rb"\(ph-post: undo (\d+)/(\d+) ([A-Za-z0-9+/=]*)\)\s*", re.IGNORECASE)
 _SEMICOLON = b"; "
@@ -68,17 +72,18 @@ class DeclaredLength(msgspec.Struct, frozen=True, kw_only=True):
 class DeclaredChanges(msgspec.Struct, frozen=True, kw_only=True):
     """The declarations of the header.
 
-    `first`, `last` its lines, `tail` the first of the undo lines at the end (the number of lines where there
-    are none). `offsets` and `pulses` by axis; `dwell` [s], where they are not all alike with the
-    `longest` and their sum `dwelt` [s]; `block_time` [s]; `decimals` of lengths;
-    `chord` tolerance [m]; `stops`, `dips`, `crossings` their numbers; `crossing_length` [m] of the longest
-    stretch that a crossing replaces, `within` [m] how far the table may be from the original there.
+    `first`, `last` its lines, `tail` the first of the undo lines at the end, `behind` the line behind them (both the
+    number of lines where there are none). `offsets` and `pulses` by axis; `dwell` [s], where they are not all alike
+    with the `longest` and their sum `dwelt` [s]; `block_time` [s]; `decimals` of lengths; `chord` tolerance [m];
+    `stops`, `dips`, `crossings` their numbers; `crossing_length` [m] of the longest stretch that a crossing replaces,
+    `within` [m] how far the table may be from the original there.
     `faults` what could not be read, with its line.
     """
 
     first: int
     last: int
     tail: int
+    behind: int
     original: str = ""
     machine: str = ""
     machine_digest: str = ""
@@ -107,9 +112,9 @@ def read_declared(original: PartProgram, compensated: PartProgram) -> DeclaredCh
     fields, wrong = _fields(facts, first)
     if _declared_commands(facts) and not _commands(compensated, facts, last - len(_declared_commands(facts))):
         wrong.append((first, "the commands that the header declares do not follow it"))
-    tail, more = _read_tail(compensated, last)
+    tail, behind, more = _read_tail(compensated, last)
     wrong += _closing_faults(compensated, facts, last, tail)
-    return DeclaredChanges(first=first, last=last, tail=tail, faults=(*wrong, *more), **fields)
+    return DeclaredChanges(first=first, last=last, tail=tail, behind=behind, faults=(*wrong, *more), **fields)
 
 
 def comment_of(program: PartProgram, line: int) -> bytes:
@@ -224,9 +229,14 @@ def _set_fact(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
         fields["longest"], fields["dwelt"] = float(match[1]), float(match[2])
 
 
-def _read_tail(program: PartProgram, last: int) -> tuple[int, list[tuple[int, str]]]:
-    """First of the undo lines at the end, and what is wrong with their numbers."""
-    tail, lines = program.blocks, program.blocks
+def _read_tail(program: PartProgram, last: int) -> tuple[int, int, list[tuple[int, str]]]:
+    """First of the undo lines at the end, the line behind them, and what is wrong with their numbers."""
+    lines = program.blocks
+    while program.language.closing is not None and lines > last and _ENDING.fullmatch(program.text(lines - 1)):
+        lines -= 1
+    if lines == last or not _UNDO.fullmatch(comment_of(program, lines - 1)):
+        lines = program.blocks
+    tail = lines
     while tail > last and _UNDO.fullmatch(comment_of(program, tail - 1)):
         tail -= 1
     faults = []
@@ -236,4 +246,4 @@ def _read_tail(program: PartProgram, last: int) -> tuple[int, list[tuple[int, st
         if (int(match[1]), int(match[2])) != (place, lines - tail):
             numbers = f"undo {int(match[1])}/{int(match[2])} where {place}/{lines - tail} belongs"
             faults.append((number, f"the undo lines are not in order: {numbers}"))
-    return tail, faults
+    return tail, lines, faults

@@ -88,7 +88,7 @@ def pair_lines(
             )
             return None
     found = _line_pairs(original, compensated, declared, rows, tuple(names for *_, names in markers))
-    missing = (original.blocks - old) - (declared.tail - new)
+    missing = (original.blocks - old) - (declared.tail - new) - (compensated.blocks - declared.behind)
     if missing:
         _report_count(original, compensated, found, missing, findings)
     return None if missing else found
@@ -150,7 +150,7 @@ def _line_pairs(
     new_change = _change_of_lines(compensated.blocks, changes.new_first, changes.new_last)
     apart = np.zeros(compensated.blocks, dtype=bool)
     apart[declared.first : declared.last] = True
-    apart[declared.tail :] = True
+    apart[declared.tail : declared.behind] = True
     apart[changes.marker] = True
     old, new = (
         np.flatnonzero(outside).astype(np.int32)

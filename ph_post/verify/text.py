@@ -52,6 +52,8 @@ class _Side(NamedTuple):
         """Look at a program."""
         kind = np.full(program.blocks, -1, dtype=np.int8)
         kind[program.motions.block] = program.motions.kind
+        for line, arc in program.centre_lines.items():
+            kind[line] = kind[arc]
         comments = np.flatnonzero(np.frombuffer(program.data, dtype=np.uint8) == ord("("))
         comments = comments if program.language.parentheses else comments[:0]
         return cls(kind, comments.astype(np.int32))

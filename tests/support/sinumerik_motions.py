@@ -103,7 +103,7 @@ class Run:
             rows = np.array([middle - a, b - a])
             right = 0.5 * (np.array([middle @ middle, b @ b]) - a @ a)
             center = np.linalg.solve(rows, right)
-            first, last = (_turn(a - center, point - center) for point in (middle, b))
+            first, last = (turn(a - center, point - center) for point in (middle, b))
             return center, last if first < last else last - math.tau
         left = self._mode == "G3"
         if "CR" in words:
@@ -117,7 +117,7 @@ class Run:
             for axis, name in enumerate("IJ"):
                 kind, value = words.get(name, ("", 0.0))
                 center[axis] = value if kind == "AC" else a[axis] + value
-        angle = _turn(a - center, b - center)
+        angle = turn(a - center, b - center)
         if np.allclose(a, b, atol=1e-9):
             angle = 0.0
         angle = (angle or math.tau) if left else (angle - math.tau)
@@ -125,7 +125,7 @@ class Run:
         return center, angle + (more if left else -more)
 
 
-def _turn(one: np.ndarray, other: np.ndarray) -> float:
+def turn(one: np.ndarray, other: np.ndarray) -> float:
     """Angle from one direction to another, to the left, from 0 to 2 pi."""
     found = math.atan2(one[0] * other[1] - one[1] * other[0], one @ other) % math.tau
     return 0.0 if found > math.tau - 1e-7 else found

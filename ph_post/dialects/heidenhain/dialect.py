@@ -20,8 +20,10 @@ which is not touched. There is no inverse time; SPL, the cubic polynomials of th
 is neither written nor read. The option ``tolerance``, behind a plus sign, sets cycle 32 (G62) to the chord
 tolerance while the tool cuts; without it the machine's own tolerance is in force.
 
-An existing program can be read, simulated and compared, but not edited: blocks are numbered without a gap, a
-jump or a repeat counts on labels, and a contour may be corrected or completed elsewhere.
+A conversational program is changed in place; new blocks have no number, as the control numbers the blocks itself in
+ascending order (TNC 620 User's Manual, Conversational Programming, 10/2017, 4.2). Not confirmed by a manual: that it
+reads a file in which some blocks have no number. An existing ISO program can be read, simulated and compared, but not
+edited.
 """
 
 from __future__ import annotations
@@ -36,6 +38,7 @@ from msgspec.structs import replace
 from ph_post.dialects.base import Abilities, Dialect, DwellWords, Notices, NumberFormat, Syntax, end_remark
 from ph_post.dialects.heidenhain.iso import read_tnc_iso
 from ph_post.dialects.heidenhain.klartext import read_klartext
+from ph_post.dialects.heidenhain.table import KlartextSpelling
 from ph_post.dialects.lines import LineWriter
 from ph_post.gcode.blocks import Moves
 from ph_post.gcode.numbers import SEMICOLON, decimal_text, to_counts
@@ -57,6 +60,28 @@ _ASSUMED: Final = (
 )
 _NOT_EDITABLE: Final = (
     "blocks are numbered without a gap, repeats count on labels, and a contour may be corrected elsewhere"
+)
+
+
+class CycleDwell(DwellWords, frozen=True, kw_only=True):
+    """A dwell as cycle 9, in two blocks."""
+
+    def words(self, seconds: float, digits: int) -> list[str]:
+        """Return both blocks, with a line feed between them."""
+        return [f"CYCL DEF 9.0 DWELL TIME\nCYCL DEF 9.1 DWELL {self.number(seconds, digits)}"]
+
+
+_LAST_BLOCK: Final = re.compile(rb"^[ \t]*(?:\d+[ \t]+)?END[ \t]+PGM\b[^\r\n]*\s*\Z", re.IGNORECASE | re.MULTILINE)
+
+_CONVERSATIONAL: Final = Language(
+    name="heidenhain",
+    read=read_klartext,
+    parentheses=False,
+    lone_modes=frozenset(),
+    spelling=KlartextSpelling(),
+    modal=False,
+    after_motion=(0.0, 1.0, 2.0, 5.0, 9.0, 30.0),
+    closing=_LAST_BLOCK,
 )
 
 
@@ -160,12 +185,13 @@ DIALECT = Dialect(
         closing=("M30",),
         max_line=_MAX_LINE,
         comments=SEMICOLON,
-        dwell=DwellWords(decimals=_TIME_DECIMALS),
+        dwell=CycleDwell(decimals=_TIME_DECIMALS),
+        modal_motion=False,
         finish=finish_klartext,
     ),
-    abilities=Abilities(arc_planes=("G17",), full_circles=False, not_editable=_NOT_EDITABLE),
+    abilities=Abilities(arc_planes=("G17",), full_circles=False),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=8, feed_decimals=_FEED_DECIMALS, plus=True),
-    language=Language(read=read_klartext),
+    language=_CONVERSATIONAL,
     notices=Notices(assumed=_ASSUMED),
     writer=KlartextLines,
     ending=".h",
@@ -176,6 +202,7 @@ DIALECT = Dialect(
 ISO_DIALECT = replace(
     DIALECT,
     name="heidenhain-iso",
+    abilities=replace(DIALECT.abilities, not_editable=_NOT_EDITABLE),
     syntax=replace(
         DIALECT.syntax,
         opening=lambda _plane: ("G90 G40",),

@@ -14,6 +14,7 @@ import re
 from decimal import Decimal
 from typing import Final
 
+from ph_post.dialects.heidenhain.table import WordRows
 from ph_post.dialects.heidenhain.tnc import (
     JUMPED,
     NUMBER,
@@ -62,6 +63,7 @@ _LANGUAGE: Final = TncLanguage(
         JUMPED: re.compile(r"GOTO\s+LBL\s+(\S+)"),
     },
     label_words="LBL",
+    rows=WordRows,
 )
 
 

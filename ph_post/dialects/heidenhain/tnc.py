@@ -11,7 +11,9 @@ from decimal import Decimal
 from typing import Final
 
 import msgspec
+from msgspec.structs import replace
 
+from ph_post.dialects.heidenhain.table import WordRows
 from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark, line_error, read_translated, text_of
 from ph_post.errors import InputError
 from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram
@@ -85,6 +87,10 @@ class Tnc:
         A line for each line of the program.
     remarks : dict
         What is not understood, by line.
+    poles : dict
+        Centres that lines set.
+    centre_lines : dict
+        By such a line the first one with an arc about it.
     """
 
     def __init__(self, units: str) -> None:
@@ -96,6 +102,10 @@ class Tnc:
         self._pole: dict[str, Decimal | None] = dict.fromkeys(AXES)
         self._turned: set[str] = set()
         self._moved: int | None = None
+        self._pole_line: int | None = None
+        self._cut = False
+        self.poles: dict[int, tuple[float | None, ...]] = {}
+        self.centre_lines: dict[int, int] = {}
         self._states: list[str] = []
         self.corrected = False
 
@@ -122,6 +132,7 @@ class Tnc:
         self.remarks[len(self.texts)] = Remark(what=f"{what}: {text}" if text else what)
         self.add(NOT_UNDERSTOOD)
         self._pole = dict.fromkeys(AXES)
+        self._pole_line = None
 
     def forget(self, axes: Iterable[str]) -> None:
         """Take positions for unknown."""
@@ -152,6 +163,8 @@ class Tnc:
             if None in pole.values():
                 raise NotFollowed("arc about a centre that is not known")
             ends += [CENTERS[axis] + str(value) for axis, value in pole.items()]
+            if self._pole_line is not None:
+                self.centre_lines.setdefault(self._pole_line, len(self.texts))
         self._moved = len(self.texts)
         return joined("G3" if left else "G2", *ends, feed, *self._functions(functions))
 
@@ -162,10 +175,19 @@ class Tnc:
         for axis, (incremental, number) in places.items():
             base = self._at[axis] if incremental else Decimal(0)
             self._pole[axis] = None if number is None or base is None else base + number
+        self._pole_line = len(self.texts)
+        self.poles[self._pole_line] = tuple(
+            None if value is None or axis not in PLANES[self.tool_axis] else float(value)
+            for axis, value in self._pole.items()
+        )
         return ""
 
     def _ends(self, places: Places) -> list[str]:
         """Words of the places that a move goes to; it is followed."""
+        if self._cut:
+            # What is put between the two moves of a corner would be its second one.
+            self._cut = False
+            raise NotFollowed("move behind a rounded or chamfered corner")
         words = []
         for axis, (incremental, number) in places.items():
             base = self._at.get(axis) if incremental else Decimal(0)
@@ -200,6 +222,7 @@ class Tnc:
         """Note that the datum is another from here on."""
         self.forget(AXES)
         self._pole = dict.fromkeys(AXES)
+        self._pole_line = None
         return "G52"
 
     def turned(self, way: str, on: bool) -> str:
@@ -225,6 +248,7 @@ class Tnc:
         if self._moved is not None and self._moved not in self.remarks:
             self.remarks[self._moved] = Remark(what=f"move whose end is cut off: {text}")
             self.texts[self._moved] = FORGOTTEN
+        self._cut = True
         raise NotFollowed("rounded or chamfered corner", text)
 
 
@@ -250,6 +274,8 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
         first group, its name the last.
     label_words : str
         Words that set a label.
+    rows : callable or None
+        Makes the rows of a word table; None where programs are not changed in place.
     """
 
     plain: Callable[[str], str]
@@ -259,6 +285,7 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
     label: re.Pattern[str]
     calls: Mapping[str, re.Pattern[str]]
     label_words: str
+    rows: Callable[[], WordRows] | None = None
 
 
 class TncSource:
@@ -317,7 +344,24 @@ class TncSource:
                     tnc.texts[number] = NOT_UNDERSTOOD
                     tnc.remarks[number] = Remark(what=what)
         texts = [text.encode() for text in tnc.with_modes()]
-        return read_translated(self._data, self._lines, self._name, texts, tnc.remarks, in_place=False)
+        rows = self._language.rows
+        if rows is None:
+            return read_translated(self._data, self._lines, self._name, texts, tnc.remarks, in_place=False)
+        found = rows()
+        for number in range(self._lines.size - 1):
+            line = text_of(self._data, self._lines, number).decode("latin-1")
+            found.add(number, int(self._lines[number]), line)
+        passed = {line for line, text in enumerate(tnc.texts) if text in (NOT_UNDERSTOOD, FORGOTTEN)}
+        program = read_translated(
+            self._data, self._lines, self._name, texts, tnc.remarks, in_place=False, words=found.table()
+        )
+        return replace(
+            program,
+            poles=tnc.poles,
+            centre_lines={
+                line: arc for line, arc in tnc.centre_lines.items() if line not in passed and arc not in passed
+            },
+        )
 
     def _stretches(self) -> Iterator[tuple[int, int, str]]:
         """Find the lines that repeats run more than once, and jumps perhaps not, or more than once."""

@@ -1,0 +1,159 @@
+"""Conversational programs changed in place, against an interpreter and a play operator of the tests' own."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from support.editing import compensate
+from support.ideal_play import distances, table
+from support.tnc_motions import TncRun
+
+from ph_post.dialects.declaration import declared_language
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.edits import EditOptions
+from ph_post.edit.undo import undo
+from ph_post.gcode.read import reread
+from ph_post.verify.verify import verify
+
+PLATE = """0 BEGIN PGM PLATE MM
+1 BLK FORM 0.1 Z X-40 Y-40 Z-20
+2 BLK FORM 0.2 X+40 Y+40 Z+0
+3 TOOL CALL 5 Z S3000 F500
+4 L Z+100 R0 FMAX M3
+5 L X-20 Y+0 R0 FMAX
+6 L Z+2 R0 FMAX M8
+7 L Z-2 F200
+8 CC X+0 Y+0
+9 C X+0 Y-20 DR+ F1200
+10 C X+20 Y+0 DR+ ; second quarter
+11 C X+0 Y+20 DR+
+12 C X-20 Y+0 DR+
+13 L X-30 R0
+14 L IX+5 IY+8
+15 CC X-30 Y+0
+16 C X-25 Y-8 DR-
+17 L X-20 Y+0
+18 CR X+20 Y+0 R+20 DR- M9
+19 L X+10 Y-5 M5
+20 L Z+50 R0 FMAX
+21 L X+0 Y+0 FMAX M30
+22 END PGM PLATE MM
+"""
+
+POCKET = """BEGIN PGM POCKET MM
+; without numbers, with a cycle, a label and a corrected contour
+TOOL CALL "MILL_8" Z S5000
+L X+0 Y+0 R0 FMAX M3
+L Z+1 FMAX
+L Z-1 F300
+CC IX+6 IY+0
+C X+0 Y+0 DR- F800
+CR X+12 Y+0 R-8 DR+
+CR X+0 Y+0 R+8 DR+
+L X+20 Y+3 M8
+L X-4
+CYCL DEF 9.0 DWELL TIME
+CYCL DEF 9.1 DWELL 0.5
+L X+6 Y-7
+L IX-6 IY+7
+L Z+5 FMAX
+CYCL DEF 200 DRILLING ~
+  Q200=2 ~
+  Q201=-10
+L X+5 Y+5 FMAX M99
+L X+40 Y+0 R0 FMAX
+L Z+1 FMAX
+L X+30 Y+0 RL F500
+L X+30 Y+20
+L X+40 Y+20 R0
+L Z+5 FMAX
+L X+60 Y+0 FMAX
+LBL 1
+L X+70 FMAX
+CALL LBL 1 REP2
+M30
+END PGM POCKET MM
+"""
+
+PROGRAMS = {"plate": PLATE, "pocket": POCKET}
+MACHINE = replace(read_machine("stepper"), dialect="heidenhain")
+BACKLASH = {"X": 0.06, "Y": 0.08}
+DEEP = -0.99
+"""The tool cuts where it is lower [mm]."""
+
+
+@pytest.fixture(scope="module")
+def changed():
+    """Each program with what it became."""
+    return {name: compensate(text.encode(), MACHINE, dialect="heidenhain") for name, text in PROGRAMS.items()}
+
+
+def _away(text: str, original: TncRun, side: float) -> np.ndarray:
+    """Distances [mm] of the table from the original's cuts while the tool cuts; the motors begin on one side."""
+    run = TncRun(text)
+    places = table(run.path, BACKLASH, dict.fromkeys("XYZ", side))
+    return distances(places[run.cutting & (run.path[:, 2] < DEEP)], original.path[original.cutting])
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_the_table_follows_the_original_within_micrometres(name, changed):
+    text, original = changed[name].text.decode(), TncRun(PROGRAMS[name])
+    for side in (-1.0, 1.0):
+        before, after = (_away(one, original, side) for one in (PROGRAMS[name], text))
+        assert after.max() < 0.0045
+        assert np.sqrt((before**2).mean()) > 0.02
+        assert np.sqrt((after**2).mean()) < 0.0005
+    assert TncRun(text).seconds < 1.1 * original.seconds
+    assert TncRun(text).functions == original.functions
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_the_check_passes_and_undo_gives_every_byte_back(name, changed):
+    one = changed[name]
+    verdict = verify(one.program, reread(one.program, one.text), tolerance=EditOptions().tolerance, machine=MACHINE)
+    assert verdict.ok, verdict
+    assert undo(one.text, "part.h") == PROGRAMS[name].encode()
+    assert declared_language(one.text) == find_dialect("heidenhain").language
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_what_is_added_is_conversational(name, changed):
+    """Facts and marks are comments between the first block and the last, and new blocks have no number."""
+    lines = changed[name].text.decode().splitlines()
+    assert "BEGIN PGM" in lines[0]
+    assert "END PGM" in lines[-1]
+    assert lines[-2].startswith("; ph-post: undo")
+    own = set(PROGRAMS[name].splitlines())
+    place = r"[XYZ][+-][\d.]+"
+    shape = re.compile(
+        rf"(?:\d+ )?(?:L(?: {place})*|CC(?: {place})*|C(?: {place})* DR[+-]|CR(?: {place})* R[+-][\d.]+ DR[+-])"
+        r"(?: R0)?(?: M8)?(?: FMAX)?(?: F[\d.]+)?(?: M\d+)*(?: ;.*)?|M\d+|;.*"
+    )
+    assert [line for line in lines if line not in own and not shape.fullmatch(line)] == []
+
+
+def test_what_is_not_followed_keeps_every_byte(changed):
+    text = changed["pocket"].text.decode()
+    for stretch in (
+        POCKET[POCKET.index("CYCL DEF 200") : POCKET.index("L X+40 Y+0")],
+        "L X+30 Y+0 RL F500\nL X+30 Y+20\nL X+40 Y+20 R0\n",
+        POCKET[POCKET.index("LBL 1") : POCKET.index("M30")],
+    ):
+        assert stretch in text
+    assert changed["pocket"].program.notes
+
+
+def test_the_centre_is_set_again_behind_a_change():
+    """What turns about a pole behind the change turns about the same one, shifted as the motion is."""
+    text = (
+        "0 BEGIN PGM A MM\n1 L X+0 Y+0 Z+1 FMAX\n2 L Z-1 F300\n3 L X+10 Y+1\n4 CC X+10 Y+11\n5 C X+20 Y+11 DR+\n"
+        "6 C X+15 Y+19.66025404 DR+\n7 L X+15 Y+30\n8 L Z+5 FMAX\n9 END PGM A MM\n"
+    )
+    one = compensate(text.encode(), MACHINE, dialect="heidenhain")
+    for side in (-1.0, 1.0):
+        assert _away(one.text.decode(), TncRun(text), side).max() < 0.0045
+    assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=MACHINE).ok

@@ -1,0 +1,89 @@
+"""Motions of a conversational program, by a small interpreter of its own: dense places of the motors [mm].
+
+It follows L, CC, C and CR with places and increments, F, FMAX and cycle 9, and passes over everything else. Circles lie
+in the plane X, Y. Nothing is shared with ph_post.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+
+from .sinumerik_motions import STEP, turn
+
+_PLACE = re.compile(r"(I?)([XYZ])([-+]?\d*\.?\d+)")
+
+
+class TncRun:
+    """Places (n, 3), whether each is reached while the tool cuts, and the time [s]."""
+
+    def __init__(self, text: str) -> None:
+        self.at = np.zeros(3)
+        self.points: list[np.ndarray] = [self.at[None]]
+        self.cuts: list[np.ndarray] = [np.zeros(1, dtype=bool)]
+        self.seconds = 0.0
+        self.functions: list[str] = []
+        self._pole, self._feed = np.zeros(2), 1000.0
+        for line in text.splitlines():
+            self._line(re.sub(r"^\s*\d+\s+", "", line).split(";")[0].strip())
+
+    @property
+    def path(self) -> np.ndarray:
+        return np.concatenate(self.points)
+
+    @property
+    def cutting(self) -> np.ndarray:
+        return np.concatenate(self.cuts)
+
+    def _line(self, line: str) -> None:
+        word = line.split(" ", maxsplit=1)[0]
+        if dwell := re.match(r"CYCL DEF 9\.1.*?([\d.]+)$", line):
+            self.seconds += float(dwell[1])
+        self.functions += re.findall(r"\bM\d+", line) if word in ("L", "C", "CR") or word[:1] == "M" else []
+        if feed := re.search(r"\bF(\d+\.?\d*)", line):
+            self._feed = float(feed[1])
+        if word not in ("L", "C", "CR", "CC"):
+            return
+        end = self.at.copy()
+        for step, axis, number in _PLACE.findall(line):
+            column = "XYZ".index(axis)
+            end[column] = float(number) + (self.at[column] if step else 0.0)
+        if word == "CC":
+            places = _PLACE.findall(line)
+            named = {axis for _, axis, _ in places}
+            self._pole = np.array([end[n] if "XY"[n] in named or not places else self._pole[n] for n in range(2)])
+            return
+        self._move(word, line, end)
+
+    def _move(self, word: str, line: str, end: np.ndarray) -> None:
+        begin, a, b = self.at, self.at[:2], end[:2]
+        rapid = "FMAX" in line
+        if word == "L":
+            count = max(2, math.ceil(float(np.linalg.norm(end - begin)) / STEP))
+            places = begin + np.linspace(0.0, 1.0, count + 1)[1:, None] * (end - begin)
+        else:
+            left, center = "DR+" in line, self._pole
+            if word == "CR":
+                found = re.search(r"\bR([-+]?\d+\.?\d*)", line)
+                assert found is not None
+                radius = float(found[1])
+                half = 0.5 * np.linalg.norm(b - a)
+                away = math.sqrt(max(radius * radius - half * half, 0.0)) * (1 if (radius > 0) == left else -1)
+                center = 0.5 * (a + b) + away * np.array([-(b - a)[1], (b - a)[0]]) / (2.0 * half)
+            angle = turn(a - center, b - center)
+            angle = (angle or math.tau) if left else angle - math.tau
+            size = np.hypot(*(a - center))
+            count = max(2, math.ceil(size * abs(angle) / STEP))
+            share = np.linspace(0.0, 1.0, count + 1)[1:]
+            turned = math.atan2(a[1] - center[1], a[0] - center[0]) + angle * share
+            height = begin[2] + share * (end[2] - begin[2])
+            places = np.column_stack([center[0] + size * np.cos(turned), center[1] + size * np.sin(turned), height])
+            assert np.allclose(places[-1], end, atol=2e-3), line
+            places[-1] = end
+        self.points.append(places)
+        self.cuts.append(np.full(len(places), not rapid))
+        way = np.linalg.norm(np.diff(np.vstack([begin, places]), axis=0), axis=1).sum()
+        self.seconds += 60.0 * way / (6000.0 if rapid else self._feed)
+        self.at = end
