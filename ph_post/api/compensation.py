@@ -74,6 +74,7 @@ def compensate(
     strict: bool = False,
     force: bool = False,
     require_all: bool = False,
+    lead_program: bool = False,
     progress: Progress = no_progress,
 ) -> Compensation:
     """Compensate a path or a part program for the backlash of a machine.
@@ -148,6 +149,8 @@ def compensate(
         Compensate a part program anew that was compensated otherwise before.
     require_all : bool
         Refuse a result in which a reversal at which the tool cuts is not compensated.
+    lead_program : bool
+        Write the lead of the servos into the path of the program, as chords; it holds at 100 % feed override.
     progress : callable, optional
         Called with the name of every stage.
 
@@ -206,6 +209,7 @@ def compensate(
         strict=strict,
         force=force,
         require_all=require_all,
+        lead_program=lead_program,
     )
     return compensated(job, machine, options, output, progress)
 

@@ -14,6 +14,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.led_programs import require_lead
 from ph_post.api.options import CompensateOptions
 from ph_post.api.programs import CompensatedProgram, ProgramRequest, compensate_program
 from ph_post.api.results import MotionResult
@@ -40,6 +41,8 @@ def crosses_on_the_fly(axes: Sequence[str], machine: Machine, options: Compensat
     That is where an axis of the path gets a lasting offset, programs of the dialect can be edited, and the machine has
     every axis that the program moves.
     """
+    if options.lead_program:
+        return True
     traits = find_traits(options.chosen_strategy)
     if options.feed_only or traits.is_baseline or not traits.shifts_axes:
         return False
@@ -71,6 +74,8 @@ class CrossedPath:
         self.analysis, self.machine = analysis, analysis.machine
         self._options, self._progress = options, progress
         dialect = find_dialect(self.machine.dialect)
+        if options.lead_program:
+            require_lead(self.machine, dialect, analysis.path.axes)
         progress("planning the plain program")
         plain = CompensateOptions(strategy=PLAIN, start=options.start, max_slowdown=options.max_slowdown)
         plan = make_plan(analysis, plain.plan("program"), progress)
@@ -83,8 +88,13 @@ class CrossedPath:
             edit=options.editing,
             noted=options.notes_in_header,
             said=self.plan.warnings,
+            lead=options.lead_program,
         )
-        self.edited: CompensatedProgram = compensate_program(original, self.machine, request, progress)
+        path = None
+        if options.lead_program:
+            own = path_on_program(original, analysis.path, self._made)
+            path = None if own is None else (own, analysis)
+        self.edited: CompensatedProgram = compensate_program(original, self.machine, request, progress, path)
 
     @property
     def before(self) -> MotionResult:

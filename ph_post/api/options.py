@@ -74,6 +74,7 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     strict: bool = False
     force: bool = False
     require_all: bool = False
+    lead_program: bool = False
     notes_in_header: bool = False
 
     def __post_init__(self) -> None:
@@ -98,6 +99,9 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
         if self.corner_tolerance is not None and self.feed_only:
             raise OptionsError("--corner-tolerance changes the path, and --feed-only leaves it as it is; leave one out")
+        if self.lead_program and (self.feed_only or self.no_inverse_dynamics):
+            other = "--feed-only" if self.feed_only else "--no-inverse-dynamics"
+            raise OptionsError(f"--lead-program writes the lead, and {other} leaves it out; leave one out")
         if self.position_from not in (None, "+", "-"):
             raise InputError("--position-from", "unknown side", expected="+ or -", got=str(self.position_from))
         if self.part_side not in (None, "left", "right"):

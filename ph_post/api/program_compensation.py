@@ -70,6 +70,7 @@ class ProgramCompensation(Compensation):
             edit=options.editing,
             force=options.force,
             noted=options.notes_in_header,
+            lead=options.lead_program,
         )
 
     @cached_property

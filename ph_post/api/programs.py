@@ -11,8 +11,20 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.api.guard import ROUNDS, compare_motions, tightened, with_neighbours
+from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.guard import ROUNDS, SLACK, compare_motions, tightened, with_neighbours
+from ph_post.api.led_programs import (
+    CHORD_BLOCKS,
+    HOLDS,
+    LeadPlan,
+    OverrideError,
+    lead_note,
+    override_errors,
+    plan_lead,
+    require_lead,
+)
 from ph_post.api.results import ProgramMotion
+from ph_post.bounds import LONGEST_SIMULATED
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan_warnings import doubtful_values
 from ph_post.compensate.strategies.registry import find_traits
@@ -20,15 +32,17 @@ from ph_post.dialects.base import Dialect
 from ph_post.dialects.declaration import Declaration, read_declaration
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
+from ph_post.edit.changes import Change
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
+from ph_post.edit.lead_edits import LABEL, LeadStretch, LeadWriter
 from ph_post.edit.offset_edits import plan_offsets, section_words
 from ph_post.edit.preconditions import require_tool
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.undo import original_of
 from ph_post.edit.window_plans import WindowEdits, WindowPlan, plan_windows, shifts_axes
-from ph_post.edit.write import apply_edits, declare
+from ph_post.edit.write import apply_changes, apply_edits, declare
 from ph_post.errors import InputError, PhPostError
-from ph_post.gcode.paths import line_words, paths_of
+from ph_post.gcode.paths import FIT_TOLERANCE, ProgramPath, line_words, paths_of
 from ph_post.gcode.program import RAPID, PartProgram
 from ph_post.gcode.read import reread
 from ph_post.post.options import check_block_time
@@ -36,6 +50,7 @@ from ph_post.progress import Progress, no_progress
 from ph_post.simulate.controllers.path_modes import chord_warnings, path_mode_warnings
 from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Machine, frozen
+from ph_post.units import MM
 from ph_post.verify.verdict import Verdict
 from ph_post.verify.verify import verify
 from ph_post.version import package_version
@@ -52,7 +67,8 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
 
     `plan` has the strategy and its limits, `edit` the options of what is written; with `force` a program that was
     compensated otherwise before is taken back to its original first. With `noted` the head of the program
-    holds the warnings too, for those who see nothing but the program; `said` are such from before.
+    holds the warnings too, for those who see nothing but the program; `said` are such from before. With `lead` the
+    lead of the servos is written into the path of the program.
     """
 
     plan: PlanOptions
@@ -60,6 +76,7 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
     force: bool = False
     noted: bool = False
     said: tuple[str, ...] = ()
+    lead: bool = False
 
     def digest(self, dialect: str) -> str:
         """Hash of all that decides what is written, but the program and the machine's own file."""
@@ -69,7 +86,8 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
             # Programs that were compensated before these options were known are still recognized.
             if not edit[name]:
                 del edit[name]
-        return hashlib.sha256(msgspec.json.encode([self.plan, edit, dialect])).hexdigest()
+        decided = [self.plan, edit, dialect, *(["lead"] if self.lead else [])]
+        return hashlib.sha256(msgspec.json.encode(decided)).hexdigest()
 
 
 class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -78,7 +96,8 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `before` is the original, recovered where the input was compensated before; `after` what is to be
     written, the same where nothing is changed. `declaration` is the one in its header, `edits` are the
     changes and `windows` the plans behind those of axes inside their loops; `verdict` is the checker's, None
-    where nothing was changed. `done` says that the input was this very compensation already.
+    where nothing was changed. `done` says that the input was this very compensation already. `overrides` are the
+    errors of a program with the lead of the servos at feed overrides.
     """
 
     before: PartProgram
@@ -89,6 +108,7 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     verdict: Verdict | None = None
     motions: tuple[ProgramMotion, ProgramMotion] | None = None
     done: bool = False
+    overrides: tuple[OverrideError, ...] = ()
 
     def run_on(self, machine: Machine, progress: Progress = no_progress) -> tuple[ProgramMotion, ProgramMotion]:
         """Return the motions before and after on models of controller and drives; one twice where nothing changed."""
@@ -97,7 +117,10 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         before = ProgramMotion(self.before, self.before, machine, "original", progress)
         if self.after.data == self.before.data:
             return before, before
-        return before, ProgramMotion(self.after, self.before, machine, "compensated program", progress, before)
+        name, declared = "compensated program", self.declaration or read_declaration(self.after.data)
+        if declared is not None and declared.led:
+            return before, ProgramMotion(self.after, self.before, machine, name, progress, led=True)
+        return before, ProgramMotion(self.after, self.before, machine, name, progress, before)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -108,11 +131,21 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         passed = (
             f"{name}:{line}: {note.what}: passed through unchanged" for line, note in zip(lines, notes, strict=True)
         )
-        return (*passed, *edits)
+        return (*passed, *(_lead_notes(self.after) if self.done else ()), *edits)
+
+
+def _lead_notes(program: PartProgram) -> tuple[str, ...]:
+    """Return the notes in the head of a program that say at which feed override its lead holds."""
+    declared = read_declaration(program.data)
+    return () if declared is None else tuple(note for note in declared.notes if note.startswith(HOLDS))
 
 
 def compensate_program(
-    program: PartProgram, machine: Machine, request: ProgramRequest, progress: Progress = no_progress
+    program: PartProgram,
+    machine: Machine,
+    request: ProgramRequest,
+    progress: Progress = no_progress,
+    path: tuple[ProgramPath, Analysis] | None = None,
 ) -> CompensatedProgram:
     """Compensate a part program for a machine.
 
@@ -124,6 +157,8 @@ def compensate_program(
     request : ProgramRequest
     progress : Progress, optional
         Called with what is being done.
+    path : ProgramPath and Analysis, optional
+        Path of which the program was made; a lead is planned on it.
 
     Returns
     -------
@@ -138,6 +173,8 @@ def compensate_program(
         Where the outcome does not pass :func:`ph_post.verify.verify.verify`: nothing is to be written then.
     """
     dialect = find_dialect(machine.dialect)
+    if request.lead:
+        require_lead(machine, dialect, [name for name in moved_axes(program) if name in machine.axes])
     dialect.require_editable(program.name)
     check_block_time(request.edit.block_time, machine.servo_period)
     original = _original(program, machine, request)
@@ -145,6 +182,8 @@ def compensate_program(
     if original is not program and not request.force:
         return CompensatedProgram(before=original, after=program, done=True)
     check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")
+    if request.lead:
+        return _LeadWork(original, machine, dialect, request, progress).made(path)
     planner = _EditPlanner(original, machine, dialect, request, progress)
     before = ProgramMotion(original, original, machine, "original", progress)
     options = replace(request.edit, cycle=_cycle(before))
@@ -193,6 +232,113 @@ def compensate_program(
             said = (f"not compensated in {section_words(original, options.left)}: the part would be no better",)
     edits = replace(edits, warnings=(*edits.warnings, *said)) if edits.empty else _nothing_gained(original, edits)
     return CompensatedProgram(before=original, after=original, edits=edits, windows=planner.windows)
+
+
+class _LeadWork:
+    """Writes the lead of the servos into a program, and keeps what makes the part better."""
+
+    def __init__(
+        self, program: PartProgram, machine: Machine, dialect: Dialect, request: ProgramRequest, progress: Progress
+    ) -> None:
+        self._program, self._machine, self._dialect = program, machine, dialect
+        self._request, self._progress = request, progress
+        self._low = section_spans(program.motions)[0]
+        self._before = ProgramMotion(program, program, machine, "original", progress)
+
+    def made(self, path: tuple[ProgramPath, Analysis] | None) -> CompensatedProgram:
+        """Return the program with the lead; `path` is the one of which it was made, None for its own."""
+        asked, time = self._request.plan, _cycle(self._before)
+        options, left = asked, frozenset[int]()
+        plan = self._plan(options, time, path)
+        for _ in range(ROUNDS):
+            if not plan.stretches:
+                break
+            declared, after, verdict = self._written(plan)
+            motion = self._motion(after)
+            found = compare_motions(self._before, motion, 0.0)
+            over = 0.0 if found is None else found.slowdown - asked.max_slowdown
+            if over > SLACK and options.max_slowdown > 0.0:
+                options = replace(options, max_slowdown=max(options.max_slowdown - over - SLACK, 0.0))
+                plan = self._plan(options, time, path).leaving(left, self._low)
+                continue
+            worse = frozenset(range(self._low.size)) if over > SLACK else frozenset() if found is None else found.worse
+            if not worse:
+                return self._result(plan, declared, after, verdict, motion)
+            left = left | with_neighbours(worse, left, self._low.size)
+            plan = plan.leaving(left, self._low)
+        nothing = Edits(offset=frozen(np.zeros((self._program.motions.kind.size, 3))))
+        said = "no lead is written: none within the time allowed makes the part better"
+        edits = replace(nothing, warnings=(*plan.warnings, said))
+        return CompensatedProgram(before=self._program, after=self._program, edits=edits)
+
+    def _plan(self, options: PlanOptions, time: float, path: tuple[ProgramPath, Analysis] | None) -> LeadPlan:
+        tolerance = self._request.edit.tolerance
+        return plan_lead(self._program, self._machine, options, tolerance, time, path, self._progress)
+
+    def _motion(self, after: PartProgram, plain: ProgramMotion | None = None) -> ProgramMotion:
+        name = "program with the lead"
+        return ProgramMotion(after, self._program, self._machine, name, self._progress, plain, led=True)
+
+    def _changes(self, stretches: Sequence[LeadStretch]) -> list[Change]:
+        edit = self._request.edit
+        longest = CHORD_BLOCKS * edit.block_time
+        writer = LeadWriter(self._program, self._dialect, edit.chord_tolerance, edit.block_time, longest)
+        return list(writer.changes(stretches))
+
+    def _written(self, plan: LeadPlan, notes: tuple[str, ...] = ()) -> tuple[Declaration, PartProgram, Verdict]:
+        """Write a plan, and verify it."""
+        program, edit = self._program, self._request.edit
+        self._progress("writing")
+        declared = declare(
+            program,
+            Edits(offset=frozen(np.zeros((program.motions.kind.size, 3)))),
+            self._machine,
+            self._dialect,
+            edit,
+            options_digest=self._request.digest(self._machine.dialect),
+            notes=(*notes, *(_notes(program, (*self._request.said, *plan.warnings)) if self._request.noted else ())),
+        )
+        changes = self._changes(plan.stretches)
+        asked = [one.pause for one in plan.stretches for _ in range(one.pauses)]
+        pauses = [self._dialect.syntax.dwell.written(one, self._dialect.numbers.feed_digits) for one in asked]
+        declared = replace(
+            declared,
+            stops=len(pauses),
+            led=sum(LABEL in change.label for change in changes),
+            lead=plan.reach + FIT_TOLERANCE + 2.0 * edit.chord_tolerance + MM * 10.0**-declared.decimals,
+            dwell=min(pauses, default=0.0),
+            longest=max(pauses, default=0.0),
+            dwelt=sum(pauses),
+        )
+        data = apply_changes(program, changes, self._dialect, declared)
+        self._progress("verifying")
+        after = reread(program, data)
+        verdict = verify(program, after, tolerance=edit.tolerance, machine=self._machine)
+        if not verdict.ok:
+            raise _refusal(program.name, verdict)
+        return declared, after, verdict
+
+    def _result(
+        self, plan: LeadPlan, declared: Declaration, after: PartProgram, verdict: Verdict, motion: ProgramMotion
+    ) -> CompensatedProgram:
+        self._progress("running it at other feed overrides")
+        errors = override_errors(self._program, after, self._machine) if _cycle(motion) <= LONGEST_SIMULATED else ()
+        if errors:
+            declared, after, verdict = self._written(plan, (lead_note(errors),))
+        edits = Edits(offset=frozen(np.zeros((self._program.motions.kind.size, 3))))
+        bare = reread(self._program, apply_changes(self._program, self._changes(plan.free), self._dialect, declared))
+        plain = ProgramMotion(bare, self._program, self._machine, "program with the lead alone", self._progress)
+        motion = self._motion(after, plain)
+        return CompensatedProgram(
+            before=self._program,
+            after=after,
+            declaration=declared,
+            edits=replace(edits, warnings=(lead_note(errors) if errors else HOLDS, *plan.warnings)),
+            windows=plan.plans,
+            verdict=verdict,
+            motions=(self._before, motion),
+            overrides=errors,
+        )
 
 
 def _cycle(motion: ProgramMotion) -> float:

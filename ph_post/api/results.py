@@ -245,6 +245,9 @@ class ProgramMotion(MotionResult):
     progress : callable, optional
     plain : ProgramMotion, optional
         The motion of the original; left out where it is this one.
+    led : bool, optional
+        True where the lead of the servos is in the program: `plain` is then the motion of the same program without what
+        crosses backlash, None where that is not known, and with it what backlash adds.
     """
 
     def __init__(
@@ -255,10 +258,13 @@ class ProgramMotion(MotionResult):
         name: str,
         progress: Progress = no_progress,
         plain: ProgramMotion | None = None,
+        *,
+        led: bool = False,
     ) -> None:
         self.program, self.original, self.machine = program, original, machine
         self._name, self._progress = name, progress
         self._plain = self if plain is None else plain
+        self._led, self._known = led, not led or plain is not None
 
     @property
     def time(self) -> float:
@@ -299,12 +305,16 @@ class ProgramMotion(MotionResult):
     @cached_property
     def error_gap(self) -> ContourError | None:
         """Contour error that backlash causes at the values of the machine file [m]."""
-        return None if self.assessment is None else self._gap_error((self.assessment.run.scenario,))
+        if self.assessment is None or not self._known:
+            return None
+        return self._gap_error((self.assessment.run.scenario,))
 
     @cached_property
     def error_gap_worst(self) -> ContourError | None:
         """Largest contour error that backlash causes if it is off by its uncertainty [m]."""
-        return None if self.assessment is None else self._gap_error(backlash_scenarios(self.assessment.scenarios))
+        if self.assessment is None or not self._known:
+            return None
+        return self._gap_error(backlash_scenarios(self.assessment.scenarios))
 
     @cached_property
     def sides(self) -> tuple[float, float] | None:
@@ -315,4 +325,4 @@ class ProgramMotion(MotionResult):
         return _largest_sides(left_of_path(found, self.cut.path, self.original)[found.counted])
 
     def _gap_error(self, tried: Sequence[Scenario]) -> ContourError | None:
-        return program_gap_error(self.cut, self._plain.cut, tried)
+        return program_gap_error(self.cut, self._plain.cut, tried, led=self._led)

@@ -33,6 +33,11 @@ from ph_post.cli import options
     is_flag=True,
     help="Write nothing, with exit status 1, where a reversal at which the tool cuts is not compensated.",
 )
+@click.option(
+    "--lead-program",
+    is_flag=True,
+    help="Write the lead of the servos into the path of the program, as short chords: it holds at 100 % feed override.",
+)
 @click.option("--table", metavar="T", help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output.")
 @options.strategy(None, "auto; suppress where a profile is described")
 @options.planning
@@ -138,6 +143,7 @@ def command(
       crossings, stops, dips
                      of a part program, and of a path's that crosses on the fly: their numbers
       pulses         of the same: largest backlash take-up move, by axis [mm]
+      lead           of the same with --lead-program: a list of {override, before, after}, the errors at feed overrides
       verified       of the same: whether the check has passed; with --undo, that of the hash
       unchanged      of a part program: whether nothing had to change
     """
@@ -145,6 +151,8 @@ def command(
     from ph_post.files.storage import is_program, or_shipped, read_raw
 
     how = {**how, "machine": machine, "output": output, "table": table}
+    if how["lead_program"] and table is not None and output is None:
+        raise click.UsageError("--lead-program is for programs, and a table has the lead anyway; leave one out")
     if source is None or how["watch"] is not None:
         return _watch(source, how, as_json)
     raw = read_raw(or_shipped("paths", source))

@@ -111,10 +111,11 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     side, and the offset is the whole lost motion, where others carry it to either side; numbers of `stops`,
     `dips` and `crossings`; `crossing_length` [m] of the longest stretch of the original that a crossing
     replaces, `crossing_error` [m] the largest distance by which an axis with ideal backlash leaves the
-    original there, both rounded up as they are written; `dwell` [s], `decimals`, `chord_tolerance` [m],
-    `block_time` [s] and `path_mode` as they were chosen for the dialect; `dialect` its name where it is read
-    otherwise than RS274/NGC; `commands` that stand behind the header, and one for the `closing`, empty for none;
-    `notes` in free text.
+    original there, both rounded up as they are written; `led` the number of stretches with the lead of the servos, and
+    `lead` [m] how far they leave the original at most, rounded up like those; `dwell` [s], `decimals`,
+    `chord_tolerance` [m], `block_time` [s] and `path_mode` as they were chosen for the dialect; `dialect` its name
+    where it is read otherwise than RS274/NGC; `commands` that stand behind the header, and one for the `closing`,
+    empty for none; `notes` in free text.
     """
 
     version: str = ""
@@ -131,6 +132,8 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     crossings: int = 0
     crossing_length: float = 0.0
     crossing_error: float = 0.0
+    led: int = 0
+    lead: float = 0.0
     dwell: float = 0.0
     longest: float = 0.0
     dwelt: float = 0.0
@@ -216,6 +219,7 @@ def declaration_lines(declaration: Declaration, max_line: int, style: Comments =
             if one.crossings
             else []
         ),
+        *([f"{one.led} stretches led, up to {_bound(one.lead)} mm from the path"] if one.led else []),
         f"dwell {_seconds(one.dwell)} s, decimals {one.decimals},"
         f" chord tolerance {one.chord_tolerance / MM:g} mm, block time {one.block_time / MS:g} ms{mode}",
         *(
@@ -277,6 +281,7 @@ _FACTS = (
         re.compile(rf"(\d+) crossings, up to {_NUMBER} mm long, within {_NUMBER} mm", re.IGNORECASE),
         ("crossings", "crossing_length", "crossing_error"),
     ),
+    (re.compile(rf"(\d+) stretches led, up to {_NUMBER} mm from the path", re.IGNORECASE), ("led", "lead")),
     (
         re.compile(
             rf"dwell {_NUMBER} s, decimals (\d+), chord tolerance {_NUMBER} mm, block time {_NUMBER} ms"
@@ -355,11 +360,12 @@ _SCALES: Final = {
     "block_time": MS,
     "crossing_length": MM,
     "crossing_error": MM,
+    "lead": MM,
 }
 
 
 def _value(name: str, text: str | None) -> Any:
-    if name in ("stops", "dips", "decimals", "crossings"):
+    if name in ("stops", "dips", "decimals", "crossings", "led"):
         return int(str(text))
     if name in ("digest", "machine_digest", "options_digest", "dialect"):
         return str(text).lower()

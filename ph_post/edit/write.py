@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import re
+from collections.abc import Iterable
 from typing import Final
 
 import msgspec
@@ -99,16 +100,48 @@ def apply_edits(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
     """
     if edits.empty:
         return program.data
+    _refuse_marks(program)
+    text = _write_text(program, edits, dialect, declaration)
+    if _restores(text, program):
+        return text
+    return _with_payload(program, without_payload(text, program.name), Payload(whole=program.data), dialect)
+
+
+def apply_changes(program: PartProgram, changes: Iterable[Change], dialect: Dialect, declaration: Declaration) -> bytes:
+    """Write changes of whole lines into a program that carries no offsets.
+
+    Parameters
+    ----------
+    program : PartProgram
+        Without marks of an earlier compensation.
+    changes : iterable of Change
+    dialect : Dialect
+    declaration : Declaration
+        Declaration in the header.
+
+    Raises
+    ------
+    InputError
+        As of :func:`apply_edits`.
+    """
+    _refuse_marks(program)
+    step = next(iter(program_units(program)), MM) * 10.0 ** -word_decimals(dialect, MM)
+    found = motion_offsets(np.zeros((program.motions.kind.size, 3)), [], step)
+    numbers = _numbers(program, shifted_words(program, found), 0, int(dialect.numbers.point))
+    ordered = sorted(changes, key=lambda change: change.block)
+    text = _with_payload(program, *_assemble_text(program, numbers, ordered, dialect, declaration), dialect)
+    if _restores(text, program):
+        return text
+    return _with_payload(program, without_payload(text, program.name), Payload(whole=program.data), dialect)
+
+
+def _refuse_marks(program: PartProgram) -> None:
     if has_marks(program.data):
         raise InputError(
             program.name,
             "the program holds the marks of an earlier compensation",
             expected="the original (see --undo)",
         )
-    text = _write_text(program, edits, dialect, declaration)
-    if _restores(text, program):
-        return text
-    return _with_payload(program, without_payload(text, program.name), Payload(whole=program.data), dialect)
 
 
 def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration) -> bytes:

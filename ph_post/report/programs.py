@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ph_post.api.crossed_paths import CrossedPath
+from ph_post.api.led_programs import OverrideError
 from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.api.programs import CompensatedProgram
 from ph_post.api.reversals import ProgramReversal
@@ -60,9 +61,13 @@ def changes_summary(delivery: CompensatedProgram) -> str:
     facts = [f"compensated: {', '.join(offsets)}"] if offsets else []
     facts += [f"backlash taken up: {', '.join(take_ups)}"] if take_ups else []
     added = [counted(declared.crossings, "crossing")] if declared is not None and declared.crossings else []
-    added += [counted(declared.stops, "short move")] if declared is not None and declared.stops else []
+    stops = 0 if declared is None or declared.led else declared.stops
+    added += [counted(stops, "short move")] if stops else []
     added += [counted(declared.dips, "feed dip")] if declared is not None and declared.dips else []
     facts += [f"{', '.join(added)} added"] if added else []
+    if declared is not None and declared.led:
+        led = counted(declared.led, "stretch", "stretches")
+        facts += [f"lead of the servos written into {led}, up to {millimetres(declared.lead)} mm from the path"]
     return "; ".join(facts)
 
 
@@ -101,8 +106,16 @@ def _edits_view(found: CompensatedProgram) -> dict[str, Any]:
         "dips": 0 if told is None else told.dips,
         "offsets": {} if edits is None else {axis: size / MM for axis, size in edits.amplitude.items()},
         "pulses": {} if edits is None else {axis: size / MM for axis, size in edits.pulse.items()},
+        "lead": [override_view(one) for one in found.overrides],
         "verified": found.verdict is not None and found.verdict.ok,
     }
+
+
+def override_view(found: OverrideError) -> dict[str, Any]:
+    """Return the errors [mm] of a program with the lead of the servos at a feed override."""
+    sizes = {"before": found.before, "after": found.after}
+    errors = {name: {"max": one.max / MM, "rms": one.rms / MM} for name, one in sizes.items()}
+    return {"override": found.override, **errors}
 
 
 def undone_view() -> dict[str, Any]:
@@ -119,6 +132,7 @@ def undone_view() -> dict[str, Any]:
         "dips": 0,
         "offsets": {},
         "pulses": {},
+        "lead": [],
         "verified": True,
         "unchanged": False,
         "warnings": [],

@@ -83,14 +83,17 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
         output = output or path.output
         rows, warnings = path.count(output), path.plan(output).warnings
         found = _simulated(*path.motions(output), path.machine, path.analysis.path.axes) if simulated else None
-        found = msgspec.structs.replace(found or ResultSummary(), leads=_led(path.plan(output)))
+        crossed = path.crossed_for(output)
+        leads = _led(path.plan(output)) if crossed is None else _led_in_program(crossed.edited)
+        found = msgspec.structs.replace(found or ResultSummary(), leads=leads)
         notes = path.notes
     else:
         assert isinstance(path, ProgramCompensation)
         rows, warnings, notes = path.axis_reversals, path.planned.warnings, passed_through(path.original)
         moved = moved_axes(path.original)
         found = _simulated(path.before, path.after, path.machine, moved) if simulated else None
-        found = msgspec.structs.replace(found or ResultSummary(), part_side=path.options.editing.part_side)
+        side, leads = path.options.editing.part_side, _led_in_program(path.edited)
+        found = msgspec.structs.replace(found or ResultSummary(), part_side=side, leads=leads)
     return _counted(found or ResultSummary(), rows, warnings, notes)
 
 
@@ -204,6 +207,14 @@ def _led(plan: Plan) -> str:
     if not plan.inverse_dynamics:
         return ""
     return "friction and lag" if plan.friction_part > 0.0 else "lag"
+
+
+def _led_in_program(found: CompensatedProgram) -> str:
+    """Name what a program leads."""
+    declared = found.declaration or read_declaration(found.after.data)
+    if declared is None or not declared.led:
+        return ""
+    return max((_led(one.plan) for one in found.windows), key=len, default="lag")
 
 
 def _whole_error_words(found: ResultSummary) -> list[str]:

@@ -40,6 +40,7 @@ _KNOWN = {
     "pulse": re.compile(r"(?:take-up|pulse) ([XYZ]) (\d*\.?\d+) (mm|inch)", re.IGNORECASE),
     "edits": re.compile(r"(\d+) stops?, (\d+) dips?", re.IGNORECASE),
     "crossings": re.compile(r"(\d+) crossings?, up to (\d*\.?\d+) mm long, within (\d*\.?\d+) mm", re.IGNORECASE),
+    "led": re.compile(r"(\d+) stretches led, up to (\d*\.?\d+) mm from the path", re.IGNORECASE),
     "dwell": re.compile(
         r"dwell ([-+.\de]+) s, decimals (\d+), chord tolerance ([-+.\de]+) mm, block time ([-+.\de]+) ms.*",
         re.IGNORECASE,
@@ -76,7 +77,8 @@ class DeclaredChanges(msgspec.Struct, frozen=True, kw_only=True):
     number of lines where there are none). `offsets` and `pulses` by axis; `dwell` [s], where they are not all alike
     with the `longest` and their sum `dwelt` [s]; `block_time` [s]; `decimals` of lengths; `chord` tolerance [m];
     `stops`, `dips`, `crossings` their numbers; `crossing_length` [m] of the longest stretch that a crossing replaces,
-    `within` [m] how far the table may be from the original there.
+    `within` [m] how far the table may be from the original there;
+    `led` the number of stretches with the lead of the servos, `lead` [m] how far they may be from the original.
     `faults` what could not be read, with its line.
     """
 
@@ -94,6 +96,8 @@ class DeclaredChanges(msgspec.Struct, frozen=True, kw_only=True):
     crossings: int = 0
     crossing_length: float = 0.0
     within: float = 0.0
+    led: int = 0
+    lead: float = 0.0
     dwell: float | None = None
     longest: float | None = None
     dwelt: float | None = None
@@ -221,6 +225,8 @@ def _set_fact(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
     elif name == "crossings":
         fields["crossings"] = int(match[1])
         fields["crossing_length"], fields["within"] = float(match[2]) * MM, float(match[3]) * MM
+    elif name == "led":
+        fields["led"], fields["lead"] = int(match[1]), float(match[2]) * MM
     elif name == "dwell":
         fields["dwell"], fields["decimals"] = float(match[1]), int(match[2])
         fields["chord"], fields["block_time"] = float(match[3]) * MM, float(match[4]) * MS

@@ -14,6 +14,7 @@ from ph_post.verify.verdict import Findings, quoted
 
 _MARKER = re.compile(rb"\(ph-post: \+(\d+) -(\d+)( [^)]*)?\)\s*", re.IGNORECASE)
 _CROSSING = re.compile(rb"crossing ([XYZ])([-+])", re.IGNORECASE)
+_LEAD = re.compile(rb"\blead\b", re.IGNORECASE)
 _MORE = b"and more"
 """Last words of a mark that is too long for its line."""
 
@@ -28,10 +29,12 @@ class ChangedLines(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `marker` is the comment line that announces it, the one before `new_first`. `crossings` (h,) the axes and new
     directions whose crossings it names, with an empty pair where it has no room for all; None where it names none.
+    `led` (h,) is true where the stretch has the lead of the servos.
     """
 
     marker: IntArray
     crossings: tuple[frozenset[tuple[str, int]] | None, ...]
+    led: BoolArray
     new_first: IntArray
     new_last: IntArray
     old_first: IntArray
@@ -71,7 +74,7 @@ def pair_lines(
     markers = _markers(original, compensated, declared)
     rows: list[tuple[int, int, int, int, int]] = []
     old, new = declared.first, declared.last
-    for line, added, removed, _ in markers:
+    for line, added, removed, *_ in markers:
         if line < new:
             findings.add("lines", "a change begins inside another one", compensated=line)
             return None
@@ -87,7 +90,9 @@ def pair_lines(
                 got=quoted(compensated.text(line)),
             )
             return None
-    found = _line_pairs(original, compensated, declared, rows, tuple(names for *_, names in markers))
+    names = tuple(named for *_, named, _ in markers)
+    led = np.array([one[-1] for one in markers], dtype=bool)
+    found = _line_pairs(original, compensated, declared, rows, names, led)
     missing = (original.blocks - old) - (declared.tail - new) - (compensated.blocks - declared.behind)
     if missing:
         _report_count(original, compensated, found, missing, findings)
@@ -96,12 +101,12 @@ def pair_lines(
 
 def _markers(
     original: PartProgram, compensated: PartProgram, declared: DeclaredChanges
-) -> list[tuple[int, int, int, frozenset[tuple[str, int]] | None]]:
-    """Lines that begin a change, with the numbers of lines added and removed, and the crossings that they name.
+) -> list[tuple[int, int, int, frozenset[tuple[str, int]] | None, bool]]:
+    """Lines that begin a change, with the numbers of lines added and removed, the crossings, and whether it is led.
 
     A line of the same bytes that the original has in that place is the original's.
     """
-    found: list[tuple[int, int, int, frozenset[tuple[str, int]] | None]] = []
+    found: list[tuple[int, int, int, frozenset[tuple[str, int]] | None, bool]] = []
     begins = np.array([match.start() for match in _BEGINS.finditer(compensated.data)], dtype=np.int32)
     lines = np.searchsorted(compensated.lines, begins, side="right") - 1
     behind, shift = declared.last, declared.last - declared.first
@@ -113,7 +118,8 @@ def _markers(
         if 0 <= old < original.blocks and original.text(old) == compensated.text(line):
             continue
         added, removed = int(match[1]), int(match[2])
-        found.append((line, added, removed, _crossings(match[3] or b"", declared)))
+        words = match[3] or b""
+        found.append((line, added, removed, _crossings(words, declared), _LEAD.search(words) is not None))
         behind, shift = line + 1 + added, shift + 1 + added - removed
     return found
 
@@ -136,11 +142,13 @@ def _line_pairs(
     declared: DeclaredChanges,
     rows: list[tuple[int, int, int, int, int]],
     crossings: tuple[frozenset[tuple[str, int]] | None, ...],
+    led: BoolArray,
 ) -> LinePairs:
     columns = np.array(rows, dtype=np.int64).reshape(-1, 5).T
     changes = ChangedLines(
         marker=columns[0],
         crossings=crossings,
+        led=led,
         new_first=columns[1],
         new_last=columns[2],
         old_first=columns[3],

@@ -12,6 +12,7 @@ from ph_post.units import MM
 from ph_post.verify.crossing_words import check_crossing_words
 from ph_post.verify.crossings import check_crossings
 from ph_post.verify.declared import DeclaredChanges, read_declared
+from ph_post.verify.leads import check_leads
 from ph_post.verify.line_pairs import VerifyCase, pair_lines
 from ph_post.verify.offsets import (
     check_amounts,
@@ -190,11 +191,13 @@ def _compare(case: VerifyCase, machine: Machine | None) -> None:
     found = find_stretches(case.original.motions, case.compensated.motions, pairing)
     case.findings.count("stretches", found.change.size)
     crossed = case.lines.changes.crossed[found.change]
-    plain = found.take(~crossed)
+    led = case.lines.changes.led[found.change]
+    plain = found.take(~crossed & ~led)
     check_path(case, pairing, plain, dwells)
     check_feeds(case, plain)
     crossings = check_crossings(case, pairing, found.take(crossed))
     check_crossing_words(case, crossings)
     check_direction(case, pairing)
+    check_leads(case, found.take(led), machine)
     if machine is not None:
         check_jogs(case, pairing.jog | crossings.at_corner, machine)

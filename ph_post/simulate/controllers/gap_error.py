@@ -28,7 +28,9 @@ GAPS: Final = 4.0
 """So many times the largest gap may a table be before or behind a motion without backlash."""
 
 
-def program_gap_error(cut: FollowedCut, plain: FollowedCut, tried: Sequence[Scenario]) -> ContourError | None:
+def program_gap_error(
+    cut: FollowedCut, plain: FollowedCut, tried: Sequence[Scenario], *, led: bool = False
+) -> ContourError | None:
     """Return the largest error in some scenarios that backlash causes.
 
     It is the distance of the table from the way that the table takes without any backlash where motors go the same way
@@ -45,6 +47,8 @@ def program_gap_error(cut: FollowedCut, plain: FollowedCut, tried: Sequence[Scen
         That of the original, beside the same path; `cut` itself where that is the original.
     tried : sequence of Scenario
         See :func:`ph_post.simulate.assess.backlash_scenarios`.
+    led : bool
+        Whether `plain` is the same program without what crosses backlash, both with the lead of the servos.
 
     Returns
     -------
@@ -54,13 +58,13 @@ def program_gap_error(cut: FollowedCut, plain: FollowedCut, tried: Sequence[Scen
     machine, rows = cut.machine, np.flatnonzero(cut.counted)
     if rows.size == 0:
         return None
-    if plain is cut:
+    if plain is cut and not led:
         ways = (
             cut.command,
             replace(cut.command, position=np.ascontiguousarray(cut.path.points(cut.place, cut.command.axes))),
         )
     else:
-        ways = _without_offsets(cut) or _as_fast(cut, plain)
+        ways = (None if led else _without_offsets(cut)) or _as_fast(cut, plain)
     bands = {one: _band(ways, rows, machine, one, _reach(cut)) for one in dict.fromkeys(map(_without_gap, tried))}
 
     def added(scenario: Scenario) -> ContourError | None:

@@ -1,0 +1,322 @@
+"""Write the lead of the servos into a part program: chords of a table's command in place of the program's cuts.
+
+A table leads the path by what the servos lag behind it (:mod:`ph_post.compensate.offsets`). Here the same command, with
+all that its plan adds to the path, is cut into chords, and these replace the lines of the cut, from rest to rest. The
+lead counts on the time at which the controller goes along them: it holds at 100 % feed override.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.analysis.path_analysis import Analysis, analyse
+from ph_post.api.results import ProgramMotion
+from ph_post.compensate.offsets import command_of
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import make_plan
+from ph_post.dialects.base import Dialect
+from ph_post.edit.lead_edits import LeadStretch, why_not_led
+from ph_post.edit.preconditions import blocked_chains, why_not_editable
+from ph_post.edit.reversals import chain_spans
+from ph_post.edit.window_plans import WindowPlan
+from ph_post.errors import InputError, PhPostError
+from ph_post.gcode.paths import ProgramPath, line_words, paths_of
+from ph_post.gcode.program import RAPID, PartProgram
+from ph_post.progress import Progress, no_progress, prefixed
+from ph_post.simulate.assess import is_nominal, run_scenarios
+from ph_post.simulate.contour import ContourError
+from ph_post.types import Array, IntArray, Machine, Scenario, frozen
+from ph_post.units import MICROMETRE
+
+OVERRIDES: Final = (0.5, 1.0, 1.2)
+"""Feed overrides at which what the lead does is simulated."""
+
+CHORD_BLOCKS: Final = 4.0
+"""Longest duration of a chord, in durations of the blocks of ramps and dips."""
+
+REST: Final = 8.0
+"""How long the path rests before it is led, in units of the servo's √b: a lag of the approach falls to some 0.3 %."""
+
+SHARE: Final = 0.5
+"""Part of the time allowed that these rests may take; where they take more there are none."""
+
+LEAST_ROWS: Final = 2
+"""Rows of a command that make a motion."""
+
+PLACE: Final = 1e-9
+"""Places on a path [m] this close are the same."""
+
+
+class OverrideError(msgspec.Struct, frozen=True, kw_only=True):
+    """Contour error of a program at a feed override, by all causes, for the worst initial sides [m].
+
+    `override` is a factor on the F words; `before` is that of the original, `after` that of the led program.
+    """
+
+    override: float
+    before: ContourError
+    after: ContourError
+
+
+class LeadPlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Stretches of a program with the lead, the plans that they are from, and words about what is not led.
+
+    `free` are the stretches without what crosses backlash, and `reach` [m] is how far the command leaves the path at
+    most.
+    """
+
+    stretches: tuple[LeadStretch, ...]
+    free: tuple[LeadStretch, ...]
+    plans: tuple[WindowPlan, ...]
+    warnings: tuple[str, ...]
+    reach: float = 0.0
+
+    def leaving(self, sections: frozenset[int], low: IntArray) -> LeadPlan:
+        """Return the plan without the stretches of some sections, which begin at the motions `low`."""
+        kept, free = (
+            tuple(one for one in some if int(np.searchsorted(low, one.first, side="right")) - 1 not in sections)
+            for some in (self.stretches, self.free)
+        )
+        return replace(self, stretches=kept, free=free)
+
+
+def require_lead(machine: Machine, dialect: Dialect, axes: Sequence[str]) -> None:
+    """Refuse a lead that a controller cannot take, or that the machine file does not give.
+
+    Raises
+    ------
+    InputError
+    """
+    option = "--lead-program"
+    if dialect.abilities.not_editable:
+        raise InputError(
+            option,
+            f"programs of {dialect.name} cannot take a lead: {dialect.abilities.not_editable}",
+            expected="--table, or a dialect whose programs are edited by lines",
+            got=dialect.name,
+        )
+    lags = [name for name in axes if machine.axes[name].servo.b > 0.0 or machine.axes[name].servo.c > 0.0]
+    if not lags:
+        names = " and ".join(axes)
+        raise InputError(
+            option,
+            f"the machine file gives {names} no lag that could be led",
+            expected="b and c of the axes, as `ph-post identify` measures them",
+            got="b = c = 0",
+        )
+
+
+def plan_lead(
+    program: PartProgram,
+    machine: Machine,
+    options: PlanOptions,
+    tolerance: float,
+    time: float,
+    path: tuple[ProgramPath, Analysis] | None = None,
+    progress: Progress = no_progress,
+) -> LeadPlan:
+    """Plan the cuts of a program as tables are planned, with the lead.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+    options : PlanOptions
+        Effort is shared out among the paths of the program by their lengths.
+    tolerance : float
+        ε of the windows [m].
+    time : float
+        That of the program [s], 0 where it is not known.
+    path : ProgramPath and Analysis, optional
+        Path of which the program was made.
+    progress : callable, optional
+
+    Returns
+    -------
+    LeadPlan
+    """
+    troubles = why_not_editable(program)
+    if troubles:
+        return LeadPlan(stretches=(), free=(), plans=(), warnings=tuple(f"not led: {trouble}" for trouble in troubles))
+    paths = [path[0]] if path is not None else list(paths_of(program))
+    wanted, said = _wanted(program, paths)
+    begins = [int(one.motion[first]) for one, rows in wanted for first, _ in rows]
+    count = sum(1 if _after_rapid(program, first) is None else 2 for first in begins)
+    pause = REST * max((machine.axes[name].servo.b for one in paths for name in one.path.axes), default=0.0) ** 0.5
+    cost = count * pause
+    pause = pause if cost <= SHARE * options.max_slowdown * time else 0.0
+    spare = cost / time if pause > 0.0 else 0.0
+    whole = sum(float(one.s[-1]) for one in paths)
+    found = LeadPlan(stretches=(), free=(), plans=(), warnings=())
+    for one, rows in wanted:
+        where = line_words(*program.motions.block[one.motion[[0, -1]]].tolist())
+        report = prefixed(progress, where)
+        own = replace(
+            options,
+            start="rest",
+            carrier="table",
+            inverse_dynamics=True,
+            allow_retrograde=False,
+            effort=options.effort * float(one.s[-1]) / whole,
+            max_slowdown=max(options.max_slowdown - spare, 0.0),
+        )
+        analysis = path[1] if path is not None else analyse(one.path, machine, tolerance)
+        report("planning")
+        try:
+            plan = make_plan(analysis, own, report)
+        except PhPostError as error:
+            said.append(f"{where} not led: {error}")
+            continue
+        made = WindowPlan(path=one, analysis=analysis, plan=plan)
+        said += [word for word in plan.warnings if not word.startswith("the table begins")]
+        found = _joined(found, _stretches(program, made, rows, pause))
+    return replace(found, warnings=tuple(dict.fromkeys(said)))
+
+
+def _wanted(
+    program: PartProgram, paths: Sequence[ProgramPath]
+) -> tuple[list[tuple[ProgramPath, list[tuple[int, int]]]], list[str]]:
+    """Paths with the rows of the cuts that can be led, and words about the others."""
+    reasons, said = _blocked(program), []
+    wanted = []
+    for one in paths:
+        rows = []
+        for first, last in _cuts(program, one):
+            low, high = one.motion[[first, last]].tolist()
+            why = reasons.get(one.chain, "") or why_not_led(program, low, high)
+            if why:
+                said.append(f"{line_words(*program.motions.block[[low, high]].tolist())} not led: {why}")
+            else:
+                rows.append((first, last))
+        wanted += [(one, rows)] if rows else []
+    return wanted, said
+
+
+def _stretches(program: PartProgram, made: WindowPlan, rows: Sequence[tuple[int, int]], pause: float) -> LeadPlan:
+    """Take the stretches of the cuts between `rows` of a path out of its plan."""
+    path, plan, track = made.path, made.plan, made.analysis.track
+    period = plan.machine.servo_period
+    command = bare = command_of(plan, track, period)
+    if plan.crossings or any(plan.bias.values()):
+        bare = command_of(replace(plan, crossings=(), bias={}), track, period)
+    away = np.zeros(command.t.size) if command.offset is None else np.linalg.norm(command.offset, axis=1)
+    reach = 0.0
+    found: list[LeadStretch] = []
+    free: list[LeadStretch] = []
+    for begin, end in rows:
+        low, high = np.searchsorted(command.s, [path.s[begin] - PLACE, path.s[end + 1] + PLACE]).tolist()
+        if high - low < LEAST_ROWS:
+            continue
+        first, reach = int(path.motion[begin]), max(reach, float(away[low:high].max()))
+        stretch = LeadStretch(
+            first=first,
+            last=int(path.motion[end]),
+            axes=path.path.axes,
+            t=frozen(command.t[low:high]),
+            position=frozen(command.position[low:high]),
+            pause=pause,
+            after_rapid=_after_rapid(program, first),
+        )
+        found.append(stretch)
+        free.append(replace(stretch, position=frozen(bare.position[low:high])))
+    return LeadPlan(stretches=tuple(found), free=tuple(free), plans=(made,), warnings=(), reach=reach)
+
+
+def _after_rapid(program: PartProgram, first: int) -> int | None:
+    """Return the motion behind a rapid from which others lead to the motion `first`; None where there is none."""
+    rapids = np.flatnonzero(program.motions.kind[:first] == RAPID)
+    behind = int(rapids[-1]) + 1 if rapids.size else 0
+    return behind if behind < first else None
+
+
+def _joined(one: LeadPlan, other: LeadPlan) -> LeadPlan:
+    return LeadPlan(
+        stretches=(*one.stretches, *other.stretches),
+        free=(*one.free, *other.free),
+        plans=(*one.plans, *other.plans),
+        warnings=(),
+        reach=max(one.reach, other.reach),
+    )
+
+
+def _blocked(program: PartProgram) -> dict[int, str]:
+    """Reasons why chains cannot be changed, by chain number."""
+    low, _ = chain_spans(program.motions)
+    number = program.motions.chain[low]
+    return {int(number[k]): why for why, marks in blocked_chains(program).items() for k in np.flatnonzero(marks)}
+
+
+def _cuts(program: PartProgram, path: ProgramPath) -> list[tuple[int, int]]:
+    """Rows of the first and the last motion of every cut between rapids."""
+    cuts = program.motions.kind[path.motion] != RAPID
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], cuts, [False]])))
+    return [(first, end - 1) for first, end in edges.reshape(-1, 2).tolist()]
+
+
+def overridden(program: PartProgram, factor: float) -> PartProgram:
+    """Return a program whose cuts run at a feed override; rapids and dwells keep their times."""
+    motions = program.motions
+    return replace(program, motions=replace(motions, feed=motions.feed * factor, duration=motions.duration / factor))
+
+
+def override_errors(original: PartProgram, led: PartProgram, machine: Machine) -> tuple[OverrideError, ...]:
+    """Simulate the original and the led program at feed overrides, under the planner of the controller.
+
+    Parameters
+    ----------
+    original, led : PartProgram
+    machine : Machine
+
+    Returns
+    -------
+    tuple of OverrideError
+        For each of :data:`OVERRIDES`.
+    """
+    found = []
+    for factor in OVERRIDES:
+        before, after = (
+            _error(ProgramMotion(overridden(one, factor), original, machine, "program")) for one in (original, led)
+        )
+        found.append(OverrideError(override=factor, before=before, after=after))
+    return tuple(found)
+
+
+def _error(motion: ProgramMotion) -> ContourError:
+    cut = motion.cut
+
+    def distance(scenario: Scenario) -> Array:
+        own = cut.simulate(scenario)[1][cut.counted]
+        return np.array([own.max(initial=0.0), np.sqrt((own * own).mean()) if own.size else 0.0])
+
+    tried = [one for one in cut.scenarios() if is_nominal(one)]
+    sizes: Array = np.max(run_scenarios(distance, tried), axis=0)
+    return ContourError(max=float(sizes[0]), rms=float(sizes[1]))
+
+
+HOLDS: Final = "the lead holds at 100 percent feed override"
+"""What whoever runs a program with the lead has to know."""
+
+
+def lead_note(errors: Sequence[OverrideError]) -> str:
+    """Say at which feed override a lead holds, and by how much it errs at others; for the head of the program.
+
+    Examples
+    --------
+    >>> lead_note([OverrideError(override=1.2, before=ContourError(max=4e-5, rms=2e-5),
+    ...     after=ContourError(max=1e-5, rms=5e-6))])
+    'the lead holds at 100 percent feed override, largest/rms error at 120 percent 10/5 um, of the original 40/20 um'
+    """
+    parts = [
+        f"at {100.0 * one.override:.0f} percent {_size(one.after)} um, of the original {_size(one.before)} um"
+        for one in errors
+    ]
+    return f"{HOLDS}, largest/rms error {', '.join(parts)}"
+
+
+def _size(error: ContourError) -> str:
+    return f"{error.max / MICROMETRE:.3g}/{error.rms / MICROMETRE:.3g}"
