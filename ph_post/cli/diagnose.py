@@ -65,6 +65,7 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
       words            the evidence, in sentences
       places           where the log departs from the model
       remaining        what is left that nothing explains
+      dropped          names that explain much, and do not agree with themselves
       quality          what the log can show
       notes, warnings  lists of sentences
     """

@@ -38,12 +38,6 @@ from ph_post.types.diagnosis import (
 FRICTION: Final = frozenset(("coulomb_friction", "stribeck_friction"))
 """Effects that a position of unknown side cannot separate from backlash."""
 
-LEFT: Final = 2.0
-"""Times the noise above which what is left at the end is looked at."""
-
-EXPLAINED: Final = 0.92
-"""Part of the excess that the names must explain together where more than that is left."""
-
 
 def diagnose(log: Log, machine: Machine, progress: Progress = no_progress) -> Diagnosis:
     """Find what is missing from a machine file, as a log shows it.
@@ -102,9 +96,9 @@ def _assemble(log: Log, machine: Machine, quality: LogQuality, outcomes: Sequenc
     before = [_file_residuals(outcome) for outcome in outcomes]
     steps = _steps(outcomes, before)
     floor = pooled_noise(one.noise for outcome in outcomes for one in outcome.problem.positions)
-    verdict = _verdict(outcomes, findings, floor, steps)
+    verdict = _verdict(outcomes, findings)
     if verdict == "unknown":
-        findings, steps = [], steps[:1]
+        steps = steps[:1]
     axes = dict(machine.axes)
     for name in log.axes:
         axes[name] = improved_axis(axes[name], tuple(one for one in findings if one.axis == name))
@@ -123,6 +117,7 @@ def _assemble(log: Log, machine: Machine, quality: LogQuality, outcomes: Sequenc
         machine=better,
         next_experiment=propose_experiment(log, machine, verdict, findings, places),
         notes=diagnosis_notes(log, outcomes, remaining, verdict),
+        dropped=tuple(name for one in outcomes for name in one.dropped),
     )
 
 
@@ -180,18 +175,8 @@ def _step(added: str | None, outcomes: Sequence[AxisDiagnosis], at: Sequence[Map
     return ResidualStep(added=added, fit_rms=rms[0], holdout_rms=rms[1])
 
 
-def _verdict(
-    outcomes: Sequence[AxisDiagnosis],
-    findings: Sequence[Finding],
-    noise: float,
-    steps: Sequence[ResidualStep],
-) -> Verdict:
-    excess = steps[0].holdout_rms ** 2 - noise**2
-    left = steps[-1].holdout_rms ** 2 - noise**2
-    much = steps[-1].holdout_rms > LEFT * noise
+def _verdict(outcomes: Sequence[AxisDiagnosis], findings: Sequence[Finding]) -> Verdict:
     if findings:
-        if much and left > (1.0 - EXPLAINED) * excess:
-            return "unknown"
         return "ambiguous" if any(one.ambiguous_with for one in findings) else "named"
     structured = any(has_structure(one.problem, one.fitted) for one in outcomes)
     return "unknown" if structured else "nothing-missing"

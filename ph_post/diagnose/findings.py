@@ -10,17 +10,18 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.diagnose.consistency import MOST, disagreement
 from ph_post.diagnose.fit import FittedModel, ModelPart, covariance, fit_model, plant_at
 from ph_post.diagnose.hypotheses import OF_THE_AXIS
 from ph_post.diagnose.search import with_noise
-from ph_post.diagnose.selection import ModelChoice
+from ph_post.diagnose.selection import ModelChoice, without
 from ph_post.drive.axes import backlash_varies
 from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
 from ph_post.identify.estimates import KEYS, relative_uncertainty, with_keys
-from ph_post.identify.free_run import AxisProblem, predict
+from ph_post.identify.free_run import AxisProblem, mean_square, predict
 from ph_post.types import Array, Axis, EffectSetting
-from ph_post.types.diagnosis import Estimate, Finding
+from ph_post.types.diagnosis import DroppedName, Estimate, Finding
 from ph_post.units import MM
 
 MOVED: Final = 0.1
@@ -31,6 +32,13 @@ DERIVED: Final = {"difference": "plus"}
 
 _SHOP: Final = {"lost_motion": ("mm", MM), "b": ("s²", 1.0), "c": ("s", 1.0)}
 """Unit and its size of those numbers."""
+
+
+LEFT: Final = 2.0
+"""Times the noise above which what is left at the end is looked at."""
+
+EXPLAINED: Final = 0.92
+"""Part of the excess that names explain together, from which on each is taken to be right."""
 
 
 class FittedEffect(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -47,6 +55,7 @@ class AxisDiagnosis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     choice: ModelChoice
     fitted: FittedModel
     found: tuple[FittedEffect, ...]
+    dropped: tuple[DroppedName, ...] = ()
     gain: float | None
     """K as the file has it, or as the effort shows it, in the effort's unit over metres."""
 
@@ -57,8 +66,15 @@ class AxisDiagnosis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def fit_chosen_model(choice: ModelChoice) -> AxisDiagnosis:
-    """Fit the chosen model to every sample that counts, and work out what its numbers are worth."""
+    """Fit the chosen model to every sample that counts, drop what does not agree with itself, and size the rest."""
     fitted = fit_model(choice.problem, choice.fitted.model, choice.problem.counted, rounds=2)
+    dropped: list[DroppedName] = []
+    while (off := _doubtful(choice, fitted)) is not None:
+        number, words = off
+        name = fitted.model.parts[number].hypothesis.name
+        dropped.append(DroppedName(name=name, axis=choice.problem.axis.name, why=words))
+        choice = without(choice, number)
+        fitted = fit_model(choice.problem, choice.fitted.model, choice.problem.counted, rounds=2)
     problem = with_noise(choice.problem, fitted)
     choice = replace(choice, problem=problem)
     spread = covariance(problem, fitted, problem.counted)
@@ -67,7 +83,32 @@ def fit_chosen_model(choice: ModelChoice) -> AxisDiagnosis:
         count = len(part.numbers)
         found.append(_found(problem, part, spread[at : at + count, at : at + count]))
         at += count
-    return AxisDiagnosis(choice=choice, fitted=fitted, found=tuple(found), gain=_gain(problem, fitted))
+    return AxisDiagnosis(
+        choice=choice, fitted=fitted, found=tuple(found), dropped=tuple(dropped), gain=_gain(problem, fitted)
+    )
+
+
+def _doubtful(choice: ModelChoice, fitted: FittedModel) -> tuple[int, str] | None:
+    """Return the part of a model that agrees least with itself, and why, where much is left; None where none does."""
+    parts = fitted.model.parts
+    if not parts or not _leaves_much(choice, fitted):
+        return None
+    found = [disagreement(choice.problem, fitted, number) for number in range(len(parts))]
+    worst = max(range(len(parts)), key=lambda number: abs(found[number].factor - 1.0))
+    if abs(found[worst].factor - 1.0) <= MOST:
+        return None
+    return worst, f"{found[worst].regime} the log shows {found[worst].factor:.2g} times as much of it as all in all"
+
+
+def _leaves_much(choice: ModelChoice, fitted: FittedModel) -> bool:
+    """Return whether names leave far more than noise of the positions, and not little of what there was to explain."""
+    squares = np.zeros(3)
+    for one in choice.problem.positions:
+        use = choice.problem.counted & one.ok
+        before, after = (mean_square(left[one.channel], use) for left in (choice.stages[0].left, fitted.left))
+        squares += before, after, one.noise**2
+    before, after, noise = squares
+    return bool(after > LEFT**2 * noise and after - noise > (1.0 - EXPLAINED) * (before - noise))
 
 
 def _found(problem: AxisProblem, part: ModelPart, spread: Array) -> FittedEffect:

@@ -95,6 +95,16 @@ def choose(problem: AxisProblem, progress: Progress) -> ModelChoice:
     return other if _settled(other) and (fewer or not _settled(found)) else found
 
 
+def without(choice: ModelChoice, number: int) -> ModelChoice:
+    """Return a choice with a part less, its parts added one after the other anew."""
+    last = fit_model(choice.problem, without_part(choice.fitted.model, number, restored=True), choice.problem.fit)
+    return replace(
+        choice,
+        stages=tuple(_restage(choice.problem, last, choice.stages[0])),
+        standings=choice.standings[:number] + choice.standings[number + 1 :],
+    )
+
+
 def _settled(choice: ModelChoice) -> bool:
     """Return whether a choice leaves no more than noise of any channel."""
     return at_floor(choice.problem, choice.fitted) and not has_structure(choice.problem, choice.fitted)

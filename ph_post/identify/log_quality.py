@@ -121,6 +121,9 @@ ROUNDING: Final = {"act": 1e-6 * MM, "motor": 1e-6 * MM, "force": 1e-6}
 WANDERS: Final = 3.0
 """Times the sample to sample noise from which an axis is taken to move while it should stand."""
 
+UNLIKE: Final = 10.0
+"""Times the sample to sample noise up to which what differs between repeats is noise."""
+
 SAID_BETWEEN: Final = 0.5
 """Part of a reading's noise from which the command between rows is said to be a part of it."""
 
@@ -236,6 +239,9 @@ def _channel(
     quantum = find_quantum(values, ROUNDING[reading.channel])
     source: NoiseFrom
     size, source = noise.noise_of_repeats(values, repeats, log.period), "repeats"
+    most = UNLIKE * max(fast, GRID_NOISE * quantum)
+    unrepeated = size if size is not None and size > most > 0.0 else None
+    size = size if unrepeated is None else most
     still = noise.noise_of_standstill(values, travelled, _memory(log, machine), log.period)
     # An axis that hums while it should stand, or wanders in the gap of its loop, moves: that is no noise.
     drive = machine.axes.get(reading.axis)
@@ -259,6 +265,7 @@ def _channel(
         noise_from=source,
         missing=int(np.count_nonzero(np.isnan(values if log.counted is None else values[log.counted]))),
         shift=find_shift(log, machine, reading.axis, values, first) if position else None,
+        unrepeated=unrepeated,
     )
 
 
@@ -373,6 +380,12 @@ def _channel_notes(reading: ChannelReading, quality: ChannelQuality, log: Log, m
         )
     if quality.missing:
         yield f"{side}: {quality.missing} of {log.t.size} samples are missing"
+    if quality.unrepeated is not None:
+        unit, of = ("", 1.0) if reading.channel == "force" else (" µm", MICROMETRE)
+        yield (
+            f"{side}: runs of the same motion differ by {quality.unrepeated / of:.3g}{unit} rms, far more than"
+            " the reading changes from sample to sample: something does not repeat, which is not taken for noise"
+        )
     if quality.noise_from == "differences":
         yield f"{side}: no motion is repeated and none stands still, a slow wander of the reading is not seen"
     if quality.shift is not None and abs(quality.shift) > 0.1 * log.period:

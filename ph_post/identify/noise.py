@@ -195,6 +195,9 @@ FEWEST: Final = 8
 PIECE: Final = 2.0
 """A repeat is freed from drift in pieces of about this length [s]: drift is the machine's, no noise."""
 
+OUTLYING: Final = 4.0
+"""Times the median of the pieces' mean squares from which on a piece of a repeat is left out."""
+
 BLOCKS: Final = 41
 """Blocks over which the median of the differences is taken: reversals are in a few of them only."""
 
@@ -218,14 +221,17 @@ def noise_of_repeats(reading: Array, repeats: Iterable[Repeat], period: float) -
     """Noise by motions that were run again, both settled [same unit]; None where there is no such stretch.
 
     What slowly grows from run to run (heat) is taken out as a straight line by pieces; a wander of shorter
-    periods is left in, which sample to sample differences do not see.
+    periods is left in, which sample to sample differences do not see. The few pieces in which something did not
+    repeat (a stop, a step lost) do not count: no more than so many times the median is taken of any.
     """
     pieces = []
     for repeat in repeats:
         apart = difference(reading, repeat)
         count = max(1, round(apart.size * period / PIECE))
         pieces += [_without_line(piece) for piece in np.array_split(apart, count)]
-    return _pooled(pieces, lost=2)
+    sizes = [float(np.nanmean(piece**2)) for piece in pieces if np.count_nonzero(np.isfinite(piece)) >= FEWEST]
+    most = OUTLYING * float(np.median(sizes)) if sizes else 0.0
+    return _pooled([piece for piece in pieces if piece.size and np.nanmean(piece**2) <= most], lost=2)
 
 
 def noise_of_standstill(reading: Array, command: Array, settle: int, period: float) -> float | None:

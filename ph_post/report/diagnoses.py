@@ -77,6 +77,7 @@ def diagnosis_view(diagnosis: Diagnosis, efforts: Mapping[str, str] | None = Non
         "places": [_place_view(place) for place in diagnosis.places],
         "remaining": [_place_view(place) for place in diagnosis.remaining],
         "quality": _quality_view(diagnosis.quality, efforts or {}),
+        "dropped": [{"name": one.name, "axis": one.axis, "why": one.why} for one in diagnosis.dropped],
         "notes": list(diagnosis.notes),
         "warnings": [],
     }

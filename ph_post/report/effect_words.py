@@ -121,6 +121,10 @@ def finding_sentence(found: Finding) -> str:
     return f"{sentence}: {named}{parameter_words(key, value)}."
 
 
+MUCH: Final = 2.0
+"""Times the noise floor from which on what remains is said with the names."""
+
+
 def verdict_sentences(diagnosis: Diagnosis) -> list[str]:
     """Describe the findings in plain sentences, certain ones first."""
     if diagnosis.verdict == "nothing-missing":
@@ -134,7 +138,18 @@ def verdict_sentences(diagnosis: Diagnosis) -> list[str]:
     sentences += [_cannot_tell(group, diagnosis) for group in rivals]
     if diagnosis.verdict == "unknown":
         sentences.append(_not_explained(diagnosis, also=bool(sentences)))
+    elif diagnosis.steps[1:] and diagnosis.steps[-1].holdout_rms > MUCH * diagnosis.noise_floor > 0.0:
+        sentences.append(_remains(diagnosis))
+    sentences += [f"Dropped: {label_words(f'{one.name}:{one.axis}')}, as {one.why}." for one in diagnosis.dropped]
     return sentences
+
+
+def _remains(diagnosis: Diagnosis) -> str:
+    """Say what is left behind names: how much, and mostly where."""
+    last, floor = diagnosis.steps[-1].holdout_rms, diagnosis.noise_floor
+    most = max(diagnosis.remaining, key=lambda place: place.share, default=None)
+    where = "" if most is None else f", mostly of {most.axis}: {most.sentence.rstrip('.')}"
+    return f"{micrometres(last)} µm rms remain, {multiple(last, floor)} times the noise floor{where}."
 
 
 def gap_words(diagnosis: Diagnosis) -> str:

@@ -36,7 +36,7 @@ class ChannelQuality(msgspec.Struct, frozen=True, kw_only=True):
     `resolution` is the smallest step between different readings, 0 where none is seen; `noise` the root mean
     square of what changes from sample to sample, resolution included, and `noise_from` how that was found;
     `missing` counts samples; `shift` [s] is by how much the channel is late beyond what its drive explains,
-    None where the record does not tell.
+    None where the record does not tell; `unrepeated` what repeats differ by where that is far more than noise.
     """
 
     axis: str
@@ -46,6 +46,7 @@ class ChannelQuality(msgspec.Struct, frozen=True, kw_only=True):
     noise_from: Literal["repeats", "stationary stretches", "differences"]
     missing: int = 0
     shift: float | None = None
+    unrepeated: float | None = None
 
 
 class LogQuality(msgspec.Struct, frozen=True, kw_only=True):
@@ -98,6 +99,14 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     keys: Mapping[str, float] = {}
 
 
+class DroppedName(msgspec.Struct, frozen=True, kw_only=True):
+    """A name that explains much of a log and was dropped all the same: `why` is a phrase."""
+
+    name: str
+    axis: str
+    why: str
+
+
 class ResidualStep(msgspec.Struct, frozen=True, kw_only=True):
     """The gap between model and record after an effect was added ("effect:axis", None at first) [m].
 
@@ -140,7 +149,7 @@ class Diagnosis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `places` are those of the original machine's residual, `remaining` those of the improved one's. `machine`
     is the improved machine, the original where nothing was added. `noise_floor` [m] is the
-    root mean square that no model can get below.
+    root mean square that no model can get below. `dropped` are names that the log speaks for, and against.
     """
 
     verdict: Verdict
@@ -154,6 +163,7 @@ class Diagnosis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     machine: Machine
     next_experiment: Experiment | None = None
     notes: tuple[str, ...] = ()
+    dropped: tuple[DroppedName, ...] = ()
 
 
 Origin = Literal["record", "file", "assumed"]

@@ -368,3 +368,27 @@ def test_the_measured_drive() -> None:
     assert position.shift == 0.0
     assert 0.2 <= quality.first * PERIOD <= 0.25
     assert quality.faults == ()
+
+
+def test_a_stop_in_one_of_two_runs_is_no_noise() -> None:
+    rng = np.random.default_rng(2)
+    once = sweeps(20.0)
+    command = np.concatenate([once, once])
+    reading = servo(command) + 0.3 * UM * rng.standard_normal(command.size)
+    reading[26_000:29_000] += 60.0 * UM
+    (quality,) = examine(record(command, reading), machine()).channels
+    assert quality.noise_from == "repeats"
+    assert quality.noise == pytest.approx(0.3 * UM, rel=0.1)
+    assert quality.unrepeated is None
+
+
+def test_runs_that_differ_everywhere_are_said_and_are_no_noise() -> None:
+    rng = np.random.default_rng(2)
+    once = sweeps(20.0)
+    command = np.concatenate([once, once])
+    reading = servo(command) + 0.3 * UM * rng.standard_normal(command.size) + wander(command.size, 60.0 * UM)
+    quality = examine(record(command, reading), machine())
+    (channel,) = quality.channels
+    assert channel.noise < 12.0 * 0.3 * UM
+    assert channel.unrepeated == pytest.approx(60.0 * UM, rel=0.3)
+    assert any("something does not repeat" in note for note in quality.notes)

@@ -6,11 +6,11 @@ import math
 import msgspec
 import pytest
 from msgspec.structs import replace
-from support.diagnoses import COULOMB, LADDER, LOAD, STEPS, diagnosis, each_verdict
+from support.diagnoses import BOTH_WAYS, COULOMB, LADDER, LOAD, STEPS, diagnosis, each_verdict
 
 from ph_post.report.diagnoses import diagnosis_lines, diagnosis_view
 from ph_post.report.effect_words import estimate_words, finding_sentence, label_words, verdict_sentences
-from ph_post.types.diagnosis import Estimate, ResidualStep
+from ph_post.types.diagnosis import DroppedName, Estimate, ResidualStep
 
 VERDICTS = ("named", "nothing-missing", "ambiguous", "unknown", "not-identifiable")
 
@@ -120,6 +120,7 @@ def test_what_is_not_finite_is_null():
             [
                 "Coulomb friction is missing from X: 20.4 ± 0.1 N.",
                 "A constant load is missing from X: -3.17 N.",
+                "3.00 µm rms remain, 15.0 times the noise floor.",
             ],
         ),
         (
@@ -160,6 +161,16 @@ def test_what_is_certain_is_told_beside_what_is_not():
     assert len(told) == 2
 
 
+def test_what_remains_and_what_was_dropped_is_said():
+    why = "in quick motion the log shows 1.7 times as much of it as all in all"
+    dropped = (DroppedName(name="servo_mismatch", axis="Y", why=why),)
+    made = replace(each_verdict()["named"], remaining=(BOTH_WAYS,), dropped=dropped)
+    said = verdict_sentences(made)
+    assert said[-2].startswith("3.00 µm rms remain, 15.0 times the noise floor, mostly of X: ")
+    assert said[-1] == f"Dropped: {label_words('servo_mismatch:Y')}, as {why}."
+    assert diagnosis_view(made)["dropped"] == [{"name": "servo_mismatch", "axis": "Y", "why": why}]
+
+
 def test_what_was_found_is_told_beside_what_no_name_explains():
     told = verdict_sentences(diagnosis(verdict="unknown"))
     assert told[0] == "Coulomb friction is missing from X: 20.4 ± 0.1 N."
@@ -168,7 +179,7 @@ def test_what_was_found_is_told_beside_what_no_name_explains():
 
 def test_a_rival_on_another_axis_is_named_with_its_axis():
     told = verdict_sentences(
-        diagnosis(verdict="ambiguous", findings=(replace(COULOMB, ambiguous_with=("squareness:Y",)),))
+        diagnosis(verdict="ambiguous", findings=(replace(COULOMB, ambiguous_with=("squareness:Y",)),), steps=STEPS[:1])
     )
     assert told == ["This log cannot separate: Coulomb friction (X), or a squareness error (Y)."]
 

@@ -1,0 +1,89 @@
+"""The test that a name stands by where its model leaves more than noise: its size is the same in every regime.
+
+A name that only resembles what is missing fits one size to slow motion and another to quick, one to the first half
+and another to the second. Each effect's own contribution, as far as base values and other names cannot make it, is
+scaled regime by regime to what is left: a factor far from 1 speaks against the name, however much it explains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ph_post.diagnose.fit import FittedModel, residuals_of
+from ph_post.diagnose.search import without_part
+from ph_post.identify.free_run import AxisProblem, weighted_residuals, weights_of
+from ph_post.types import Array, IntArray
+
+MOST: Final = 0.2
+"""Part by which the size of an effect may differ in a regime."""
+
+LEAST: Final = 0.08
+"""Part of what an effect does that a regime must hold to count."""
+
+TIMES: Final = 6
+"""Parts of a log's time."""
+
+MOVES: Final = 1e-3
+"""Part of the largest speed below which an axis stands."""
+
+
+class Disagreement(NamedTuple):
+    """The regime in which an effect's size differs most, in words, and its size there over that everywhere."""
+
+    regime: str
+    factor: float
+
+
+def disagreement(problem: AxisProblem, fitted: FittedModel, number: int) -> Disagreement:
+    """Return the regime that agrees least with one part of a model on its size."""
+    use = problem.counted
+    weights = weights_of(problem, fitted.left, use)
+    rows = weighted_residuals(problem, fitted.left, weights, use)
+    without = residuals_of(problem, without_part(fitted.model, number, restored=True))
+    adds = weighted_residuals(problem, without, weights, use) - rows
+    basis = _others(fitted, number, rows.size)
+    adds = adds - basis @ (basis.T @ adds)
+    total = float(adds @ adds)
+    worst = Disagreement("", 1.0)
+    if total <= 0.0:
+        return worst
+    for names, kinds in _regimes(problem):
+        kind = np.concatenate([kinds[use & one.ok] for one in problem.observed])
+        own = np.bincount(kind + 1, weights=adds * adds, minlength=len(names) + 1)[1:]
+        fits = np.bincount(kind + 1, weights=adds * rows, minlength=len(names) + 1)[1:]
+        for name, square, fit in zip(names, own, fits, strict=True):
+            if square > LEAST * total and abs(fit / square) > abs(worst.factor - 1.0):
+                worst = Disagreement(name, 1.0 + float(fit / square))
+    return worst
+
+
+def _others(fitted: FittedModel, number: int, rows: int) -> Array:
+    """Return a basis (rows, k) of what base values and the other parts can make."""
+    counts = [len(part.numbers) for part in fitted.model.parts]
+    first = len(fitted.model.free) + sum(counts[:number])
+    columns = np.delete(fitted.jacobian[:rows], np.s_[first : first + counts[number]], axis=1)
+    if not columns.size:
+        return np.zeros((rows, 0))
+    u, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(u[:, s > 1e-10 * s.max(initial=0.0)])
+
+
+def _regimes(problem: AxisProblem) -> Iterator[tuple[tuple[str, ...], IntArray]]:
+    """Yield ways to sort the samples (n,): the names of the regimes, and the number of each sample's, or -1."""
+    speed = np.abs(problem.speed)
+    moving = problem.counted & (speed > MOVES * np.max(speed, initial=0.0))
+    if not moving.any():
+        return
+    push = np.abs(np.gradient(problem.speed, problem.period))
+    for names, values in (
+        (("in slow motion", "at medium speed", "in quick motion"), speed),
+        (("at constant speed", "at medium acceleration", "where it speeds up or brakes most"), push),
+        (("at the low end of the travel", "in the middle of the travel", "at its high end"), problem.command),
+        (tuple(f"in part {k + 1} of {TIMES} of the time" for k in range(TIMES)), problem.t),
+    ):
+        limits = np.quantile(values[moving], np.arange(1, len(names)) / len(names))
+        yield names, np.where(moving, np.searchsorted(limits, values), -1)
+    yield ("moving to minus", "moving to plus"), np.where(moving, (problem.speed > 0.0).astype(np.int64), -1)

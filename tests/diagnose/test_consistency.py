@@ -1,0 +1,72 @@
+"""Whether one size of an effect holds in every regime, on tables made by formulas."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import signal
+from support.engine_cases import make_axis, make_machine
+
+from ph_post.diagnose.consistency import MOST, disagreement
+from ph_post.diagnose.fit import base_model, fit_model
+from ph_post.diagnose.hypotheses import hypotheses
+from ph_post.diagnose.search import with_part
+from ph_post.identify.free_run import problem_of
+from ph_post.identify.log_quality import examine
+from ph_post.types import AxisLog, Log
+
+Array = NDArray[np.float64]
+B, C = 7e-5, 6.4e-3
+T = 1e-3 * np.arange(9000)
+UM = 1e-6
+
+
+def command() -> Array:
+    """Slow waves, then quick ones."""
+    phase = 2.0 * np.pi * np.cumsum(0.3 + 1.2 * (T / T[-1]) ** 2) * 1e-3
+    return np.asarray(8e-3 * np.sin(phase))
+
+
+def servo() -> Array:
+    a = np.array([[0.0, 1.0], [-1.0 / B, -C / B]])
+    return np.asarray(signal.lsim((a, [[0.0], [1.0 / B]], [[1.0, 0.0]], 0.0), command(), T)[1])
+
+
+def fitted_backlash(missing: Array) -> float:
+    """By how much a fitted backlash differs between regimes, where that is missing from the model of the table."""
+    linear = servo()
+    noise = 0.2 * UM * np.random.default_rng(1).standard_normal((2, T.size))
+    axes = {"X": AxisLog(command=command(), table=linear + missing + noise[0], motor=linear + noise[1])}
+    log = Log(name="test", t=T, period=1e-3, axes=axes)
+    machine = make_machine([make_axis("motor", B, C, 0.0)], 1e-3)
+    problem = problem_of(log, "X", machine.axes["X"], examine(log, machine))
+    assert problem is not None
+    backlash = next(one for one in hypotheses(problem) if one.name == "backlash")
+    model = with_part(base_model(problem), backlash, (2e-5,))
+    return disagreement(problem, fit_model(problem, model, problem.counted), 0).factor
+
+
+def play(gap: float) -> Array:
+    """What a gap takes from a table that friction holds in it."""
+    place, found = 0.0, []
+    for at in servo():
+        place = min(max(place, at - 0.5 * gap), at + 0.5 * gap)
+        found.append(place - at)
+    return np.array(found)
+
+
+def test_a_gap_has_one_size_beside_what_no_name_explains() -> None:
+    assert fitted_backlash(play(20.0 * UM)) == pytest.approx(1.0, abs=0.03)
+    hum = 6.0 * UM * np.sin(2.0 * np.pi * 31.7 * T)
+    assert fitted_backlash(play(20.0 * UM) + hum) == pytest.approx(1.0, abs=0.5 * MOST)
+
+
+def test_what_grows_with_the_speed_is_no_gap() -> None:
+    speed = np.gradient(command(), 1e-3)
+    lag = -20.0 * UM * np.sign(speed) * (np.abs(speed) / np.max(np.abs(speed))) ** 2
+    assert abs(fitted_backlash(lag) - 1.0) > 2.0 * MOST
+
+
+def test_what_begins_half_way_is_no_gap() -> None:
+    assert abs(fitted_backlash(play(20.0 * UM) * (T > 5.0)) - 1.0) > 2.0 * MOST
