@@ -19,8 +19,8 @@ from ph_post.api.options import CompensateOptions
 from ph_post.batch.folder import BatchPlan, BatchTask, plan_batch
 from ph_post.batch.page import batch_page
 from ph_post.batch.rows import BatchRow, Status, csv_text, one_line, parquet_content, read_rows
-from ph_post.batch.work import BatchJob, convert_job, warm_up
-from ph_post.batch.workers import LostJobError, Workers, WorkersError, cores, open_workers
+from ph_post.batch.work import BatchJob, convert_job, ready, warm_up
+from ph_post.batch.workers import LostJobError, Workers, cores, open_workers
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.dialects.declaration import is_written_here
 from ph_post.errors import InputError, OptionsError, PhPostError
@@ -274,24 +274,15 @@ class _Run:
 
     @contextlib.contextmanager
     def _ready(self) -> Iterator[Workers]:
-        """Have everything compiled once, and then as many workers as there is work for."""
+        """Start as many workers as there is work for, and have everything compiled once before they begin."""
         options, version = self._request.options, self._version
         machines, scheduler = _different(list(self._plan.machines.values())), self._request.scheduler
-        self._progress("preparing: compiled code" if scheduler is None else f"connecting to {scheduler}")
-        if scheduler is None:
-            for machine in machines:
-                warm_up(machine, options, version)
-            self._progress("starting workers")
+        self._progress("starting workers" if scheduler is None else f"connecting to {scheduler}")
         with open_workers(min(self._request.workers or cores(), len(self._left)), scheduler) as workers:
-            if scheduler is not None:
-                self._progress(f"preparing the workers of {scheduler}: compiled code")
-                for machine in machines:
-                    found = workers.on_each_computer(warm_up, machine, options, version)
-                    wrong = next((pair for pair in found.items() if pair[1] != version), None)
-                    if wrong is not None:
-                        raise WorkersError(
-                            f"worker {wrong[0]} of {scheduler} has ph-post {wrong[1]}; expected {version}"
-                        )
+            workers.wait(self._progress)
+            self._progress("preparing the workers: compiled code")
+            for machine in machines:
+                workers.on_each_computer(warm_up, ready, machine, options, version)
             yield workers
 
     def _open_report(self) -> None:

@@ -110,9 +110,11 @@ def _rms(error: ContourError | None) -> float | None:
     return None if error is None else error.rms
 
 
-def warm_up(machine: Machine, options: CompensateOptions, version: str) -> str:
-    """Have the code compiled that programs for a machine need; return the version of this package here."""
-    if version == package_version():
-        source = SourceBytes(name="first.ngc", stem="first", data=WARMING)
-        convert_job(BatchJob(file="", label="", source=source, machine=machine, options=options, version=version))
-    return package_version()
+def warm_up(machine: Machine, options: CompensateOptions, version: str) -> None:
+    """Have the code compiled that programs for a machine need; raises as :func:`convert_job`."""
+    source = SourceBytes(name="first.ngc", stem="first", data=WARMING)
+    convert_job(BatchJob(file="", label="", source=source, machine=machine, options=options, version=version))
+
+
+def ready() -> None:
+    """Load this module, which takes a second."""

@@ -12,6 +12,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Hashable, Iterable, Iterator
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from ph_post.errors import InputError, PhPostError
@@ -86,27 +87,45 @@ class Workers:
             Where the scheduler has gone.
         """
         now = time.monotonic()
-        if now - self._counted >= 1.0:
+        if now - self._counted >= (1.0 if self._count else 0.2):
             with self._refusals():
                 self._counted, self._count = now, len(self._client.ncores())
         return self._count
 
-    def on_each_computer(self, function: Callable[..., R], *given: Any) -> dict[str, R]:
-        """Run a function once on each computer; return what it gives, by a worker's address.
+    def wait(self, progress: Progress) -> None:
+        """Wait for the first worker: a queue may take its time."""
+        while not self.count:
+            progress(f"waiting for a worker of {self._place}")
+            time.sleep(0.3)
+
+    def on_each_computer(self, function: Callable[..., R], meanwhile: Callable[[], object], *given: Any) -> list[R]:
+        """Run a function on one worker of each computer, and another, which gives nothing, on the rest meanwhile.
+
+        Returns
+        -------
+        list
+            What `function(*given)` gives, of each computer.
 
         Raises
         ------
         WorkersError
             Where a worker cannot run it.
         """
-        first: dict[str, str] = {}
-        for address in self._client.ncores():
-            first.setdefault(address.rpartition(":")[0], address)
-        if not first:
-            return {}
+        from distributed import KilledWorker, fire_and_forget
+
         with self._refusals():
-            found: dict[str, R] = self._client.run(function, *given, workers=list(first.values()))
-        return found
+            addresses = sorted(self._client.ncores())
+        first = {address.rpartition(":")[0]: address for address in reversed(addresses)}
+        where = {"pure": False, "allow_other_workers": True}
+        for address in addresses:
+            if address not in first.values():
+                fire_and_forget(self._client.submit(meanwhile, workers=[address], **where))
+        asked = [self._client.submit(function, *given, workers=[address], **where) for address in first.values()]
+        try:
+            with self._refusals():
+                return [one.result() for one in asked]
+        except KilledWorker:
+            raise WorkersError(f"{self._place}: workers die of the first small program; is there memory?") from None
 
     def run(
         self, function: Callable[[J], R], jobs: Iterable[tuple[K, J]], progress: Progress = no_progress
@@ -212,6 +231,7 @@ def open_workers(count: int, scheduler: str | None = None) -> Iterator[Workers]:
     import dask
     from distributed import Client, LocalCluster
 
+    _silence()
     with contextlib.ExitStack() as stack:
         stack.enter_context(dask.config.set(SETTINGS))
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="ph-post-", ignore_cleanup_errors=True))
@@ -229,12 +249,20 @@ def open_workers(count: int, scheduler: str | None = None) -> Iterator[Workers]:
         yield Workers(client, "this computer")
 
 
+def _silence() -> None:
+    """Keep Dask from writing on standard error: what is to be known is said in one line."""
+    for name in ["distributed", *logging.root.manager.loggerDict]:
+        if name.partition(".")[0] == "distributed":
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
 @contextlib.contextmanager
 def _without_interrupts() -> Iterator[None]:
     """Start threads and processes that Ctrl-C does not reach, as this process ends them; it waits for its end here."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    resource_tracker.ensure_running()  # which lets Ctrl-C through in the thread that starts it
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -249,7 +277,7 @@ def _connected(address: str) -> Iterator[Client]:
     import distributed
     from distributed import Client
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    _silence()
     quiet = {name: SETTINGS[name] for name in SETTINGS if name.startswith(("logging", "distributed.admin"))}
     with contextlib.ExitStack() as stack:
         stack.enter_context(dask.config.set(quiet))

@@ -20,6 +20,8 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "O
 PART = "G21 G90\nG0 X0 Y0\nG1 X{0} F600\nY{0}\nX0\nY0\nG1 X5\nG3 X15 I5\nG1 X0\nM2\n"
 FEW = ("-m", "router", "--no-simulation")
 PATIENCE = 120.0
+SCHEDULER = "from distributed.cli.dask_scheduler import main; main()"
+WORKER = "from distributed.cli.dask_worker import main; main()"
 
 
 def fill(folder, good, bad=1):
@@ -54,19 +56,18 @@ def require_as_converted(folder, out, names):
 class Cluster:
     """A scheduler and workers, each a process of its own."""
 
-    def __init__(self, folder, count, script="from distributed.cli.dask_scheduler import main; main()"):
-        self._folder, self._started = folder, []
+    def __init__(self, folder, count, scheduler=SCHEDULER, worker=WORKER):
+        self._folder, self._started, self._worker = folder, [], worker
         with socket.socket() as one:
             one.bind(("127.0.0.1", 0))
             self.address = f"tcp://127.0.0.1:{one.getsockname()[1]}"
         port = self.address.rpartition(":")[2]
-        self.scheduler = self._start(script, "--host", "127.0.0.1", "--port", port, "--no-dashboard", "--no-show")
+        self.scheduler = self._start(scheduler, "--host", "127.0.0.1", "--port", port, "--no-dashboard", "--no-show")
         self.workers = [self.add() for _ in range(count)]
 
     def add(self):
-        script = "from distributed.cli.dask_worker import main; main()"
         alone = ("--no-dashboard", "--nthreads", "1", "--no-nanny", "--local-directory", str(self._folder))
-        return self._start(script, self.address, *alone)
+        return self._start(self._worker, self.address, *alone)
 
     def _start(self, script, *arguments):
         command = [sys.executable, "-c", script, *arguments]
@@ -112,7 +113,7 @@ def test_a_scheduler_and_two_workers_of_which_one_is_killed(tmp_path):
         said = run.communicate(timeout=PATIENCE)[1]
         assert run.returncode == 1, said
         assert "20 results: 18 compensated, 2 refused" in said
-        assert "Traceback" not in said
+        assert "Traceback" not in said, said
         rows = rows_of(out)
         assert sorted(rows) == sorted(one.name for one in folder.iterdir())
         require_as_converted(folder, out, ["part00.ngc", "part09.ngc", "part17.ngc"])
@@ -130,7 +131,7 @@ def test_ctrl_c_stops_at_once_and_a_second_run_goes_on(tmp_path):
     os.killpg(run.pid, signal.SIGINT)
     said = run.communicate(timeout=PATIENCE)[1]
     assert run.returncode == 130, said
-    assert "Traceback" not in said
+    assert "Traceback" not in said, said
     assert said.splitlines()[-1] == "ph-post: interrupted; nothing more was written"
     done = rows_of(out)
     assert 2 <= len(done) < 12
@@ -151,7 +152,7 @@ def test_a_scheduler_that_goes_away_is_one_line(tmp_path):
         cluster.scheduler.kill()
         said = run.communicate(timeout=PATIENCE)[1]
     assert run.returncode == 2, said
-    assert "Traceback" not in said
+    assert "Traceback" not in said, said
     assert said.splitlines()[-1].startswith(f"ph-post: {cluster.address}: the scheduler is not there any more")
     assert rows_of(out)
 
@@ -161,8 +162,7 @@ def test_a_scheduler_of_another_version_is_one_line(tmp_path, capsys):
     folder, out = fill(tmp_path / "in", 1, bad=0), tmp_path / "out"
     other = (
         "import distributed.versions as v; plain = v._version_cached;"
-        "v._version_cached = lambda name: '2020.1.0' if name == 'distributed' else plain(name);"
-        "from distributed.cli.dask_scheduler import main; main()"
+        "v._version_cached = lambda name: '2020.1.0' if name == 'distributed' else plain(name);" + SCHEDULER
     )
     with Cluster(tmp_path, 0, other) as cluster:
         assert main(["batch", str(folder), *FEW, "-o", str(out), "--scheduler", cluster.address]) == 2
@@ -171,6 +171,17 @@ def test_a_scheduler_of_another_version_is_one_line(tmp_path, capsys):
         f"ph-post: --scheduler {cluster.address}: the scheduler has another version of Dask; expected"
     )
     assert said.endswith("got 2020.1.0")
+    assert not out.exists()
+
+
+@pytest.mark.slow
+def test_a_worker_of_another_version_is_one_line(tmp_path, capsys):
+    folder, out = fill(tmp_path / "in", 1, bad=0), tmp_path / "out"
+    other = f"from ph_post.batch import work; work.package_version = lambda: '0.0.1'; {WORKER}"
+    with Cluster(tmp_path, 1, worker=other) as cluster:
+        assert main(["batch", str(folder), *FEW, "-o", str(out), "--scheduler", cluster.address]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith(f"ph-post: a worker of {cluster.address} has ph-post 0.0.1; expected ")
     assert not out.exists()
 
 
