@@ -93,11 +93,13 @@ def require_lead(machine: Machine, dialect: Dialect, axes: Sequence[str]) -> Non
     InputError
     """
     option = "--lead-program"
-    if dialect.abilities.not_editable:
+    foreign = dialect.language.read is not None and dialect.language.name
+    why = dialect.abilities.not_editable or ("chords are written in words of RS274 alone" if foreign else "")
+    if why:
         raise InputError(
             option,
-            f"programs of {dialect.name} cannot take a lead: {dialect.abilities.not_editable}",
-            expected="--table, or a dialect whose programs are edited by lines",
+            f"programs of {dialect.name} cannot take a lead: {why}",
+            expected="--table, or a dialect of RS274",
             got=dialect.name,
         )
     lags = [name for name in axes if machine.axes[name].servo.b > 0.0 or machine.axes[name].servo.c > 0.0]

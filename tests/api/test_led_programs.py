@@ -149,8 +149,9 @@ def test_an_override_scales_feeds_and_no_rapids():
 
 
 REFUSED = {
-    "heidenhain": ("mill", "programs of heidenhain cannot take a lead: blocks are numbered without a gap"),
-    "siemens": ("mill", "programs of siemens cannot take a lead: values there may be computed"),
+    "heidenhain": ("mill", "programs of heidenhain cannot take a lead: chords are written in words of RS274 alone"),
+    "siemens": ("mill", "programs of siemens cannot take a lead: chords are written in words of RS274 alone"),
+    "heidenhain-iso": ("mill", "programs of heidenhain-iso cannot take a lead: "),
     "grbl": ("stepper", "the machine file gives X and Y no lag that could be led; expected b and c of the axes"),
 }
 
