@@ -5,6 +5,7 @@ An :class:`AnswerKind` reads a value; whatever it cannot be is one :class:`ph_po
 
 from __future__ import annotations
 
+import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -145,6 +146,29 @@ class Quantity(AnswerKind):
         if not self.low <= value <= self.high:
             raise InputError(where, "out of range", expected=self.words, got=_shown(text))
         return value or 0.0  # no -0.0
+
+
+class Gain(Quantity):
+    """A gain of a loop in 1/s: ``40/s``, ``2.4 m/min/mm``, and where `hertz` says so ``60 Hz``.
+
+    Examples
+    --------
+    >>> Gain("a gain").one("2.4m/min/mm", "position_gain")
+    40.0
+    """
+
+    def __init__(self, noun: str, hertz: bool = False) -> None:
+        units = {"/s": 1.0, "1/s": 1.0, "m/min/mm": 1e3 / MINUTE} | ({"hz": math.tau} if hertz else {})
+        super().__init__(noun, units, "/s", "/s", 0.1, 1e5)
+        self.pattern = re.compile(rf"({_NUMBER})\s*(1?/s|m/min/mm|hz)?", re.IGNORECASE)
+
+
+class Percentage(Quantity):
+    """A part in percent: ``95 %``, ``95``."""
+
+    def __init__(self, noun: str, high: float) -> None:
+        super().__init__(noun, {"%": 1.0}, "%", "%", 0.0, high)
+        self.pattern = re.compile(rf"({_NUMBER})\s*(%)?")
 
 
 class Ratio(AnswerKind):

@@ -20,6 +20,8 @@ from ph_post.cli.answers import (
     TIME_UNITS,
     AnswerKind,
     Axes,
+    Gain,
+    Percentage,
     Quantity,
     Ratio,
     ServoLag,
@@ -55,6 +57,8 @@ class Question:
         ``default(state, axes)``: the answer that is taken for an empty one, as a person would write it.
     axes : callable, optional
         ``axes(state)``: those it is asked for; none at all where it does not apply. Absent: of the machine.
+    silent : bool, optional
+        Nobody is asked: an option, a file of answers or the controller's settings answer it, or nothing does.
     """
 
     def __init__(
@@ -66,8 +70,10 @@ class Question:
         kind: AnswerKind | Callable[[], AnswerKind],
         default: Callable[[State, Sequence[str]], str],
         axes: Callable[[State], Sequence[str]] | None = None,
+        *,
+        silent: bool = False,
     ) -> None:
-        self.key, self.metavar, self.ask, self.hint = key, metavar, ask, hint
+        self.key, self.metavar, self.ask, self.hint, self.silent = key, metavar, ask, hint, silent
         self._kind, self.default, self.axes = kind, default, axes
 
     @property
@@ -111,6 +117,10 @@ def _controlled(state: State) -> Sequence[str]:
     return [axis for axis in state["axes"] if LOOPS[state["loop"][axis]].has_controller]
 
 
+def _cascaded(state: State) -> Sequence[str]:
+    return [axis for axis in state["axes"] if axis in state.get("position_gain", {})]
+
+
 def _dialect_default(state: State, _axes: Sequence[str]) -> str:
     return "linuxcnc" if _controlled(state) else "grbl"
 
@@ -131,6 +141,53 @@ def _period_default(state: State, _axes: Sequence[str]) -> str:
     from ph_post.identify.newmachine import default_period
 
     return f"{default_period(state['loop'][state['axes'][0]]):g}ms"
+
+
+def _gain(key: str, metavar: str, ask: str, kind: AnswerKind) -> Question:
+    """Return the question for a gain of a cascade, which few people know."""
+    axes = _controlled if key == "position_gain" else _cascaded
+    return Question(key, metavar, ask, "", kind, lambda _state, _axes: "", axes, silent=True)
+
+
+_CASCADE: Final = (
+    _gain(
+        "position_gain",
+        "KV",
+        "K_v of a cascade, from the drive or the control: 40/s, 2.4m/min/mm (SINUMERIK MD32200, HEIDENHAIN kvFactor, "
+        "P of LinuxCNC's pid). The following error is then that of the cascade.",
+        Gain("a position gain"),
+    ),
+    _gain(
+        "velocity_gain",
+        "WV",
+        "Bandwidth of its velocity loop: 250/s, 40Hz. Without it what the shipped machine has to its K_v.",
+        Gain("a gain of the velocity loop", hertz=True),
+    ),
+    _gain(
+        "integral_time",
+        "TN",
+        "T_n of its velocity loop: 12ms. Without it a P velocity loop.",
+        Quantity("a time", TIME_UNITS, "ms", "ms", 0.01, 10_000.0),
+    ),
+    _gain(
+        "feedforward",
+        "PERCENT",
+        "Weight of its velocity feed-forward: 95% (100 times VELO_FFW_WEIGHT, feedForwardFactor or FF1).",
+        Percentage("a weight", 200.0),
+    ),
+    _gain(
+        "acceleration_lead",
+        "MS",
+        "Acceleration that is fed forward to its velocity loop: 2ms (accForwardFactor, FF2).",
+        Quantity("a time", TIME_UNITS, "ms", "ms", -1000.0, 1000.0),
+    ),
+    _gain(
+        "deadband",
+        "MM",
+        "Position error that its position loop passes over: 0.002mm (DEADBAND).",
+        Quantity("a length", LENGTH_UNITS, "mm", "mm", 0.0, 10.0),
+    ),
+)
 
 
 QUESTIONS: Final = (
@@ -232,8 +289,9 @@ QUESTIONS: Final = (
         Quantity("a time", TIME_UNITS, "ms", "ms", 0.05, 100.0, inverse=RATE_UNITS),
         _period_default,
     ),
+    *_CASCADE,
 )
-"""Every question, in the order in which they are asked."""
+"""Every question, in the order in which they are asked; those for a cascade are not."""
 
 
 WELCOME: Final = """\
@@ -249,7 +307,7 @@ AskedAxes = Sequence[str] | None
 """AskedAxes that a question is asked for, None for one that is about the machine."""
 
 Settings = Mapping[str, Mapping[str, str]]
-"""What a controller's settings answer, by question and axis ("" for the machine)."""
+"""What a controller's settings answer, by question and axis ("" for the machine); "notes" say what is left out."""
 
 
 class GivenAnswer(NamedTuple):
@@ -308,8 +366,12 @@ def settings_of(source: str) -> Settings:
         "dialect": {"": found.dialect},
         "axes": {"": "".join(axis for axis in found.speed if axis in found.acceleration) or "XYZ"},
     }
+    for key, by_axis_name in found.gains.items():
+        settings[key] = {axis: f"{value:.7g}" for axis, value in by_axis_name.items()}
     if found.servo_period is not None:
         settings["servo_period"] = {"": f"{found.servo_period:.7g}ms"}
+    if found.notes:
+        settings["notes"] = {str(number): note for number, note in enumerate(found.notes)}
     if found.planner:
         settings["planner"] = {key: f"{value:.7g}" for key, value in found.planner.items()}
     return settings
@@ -348,10 +410,14 @@ def conduct(given: Mapping[str, GivenAnswer], defaults: bool, settings: Settings
         axes = question.axes(state) if question.axes is not None else None
         answer = given.get(question.key)
         if axes is not None and not axes:
-            _refuse_idle(answer)
+            _refuse_idle(question, answer)
             continue
+        if question.silent and answer is None:
+            axes = [axis for axis in axes or () if axis in (settings or {}).get(question.key, {})]
+            if not axes:
+                continue
         default, own = _default(question, state, axes, settings or {})
-        if answer is not None or defaults:
+        if answer is not None or defaults or question.silent:
             place = f"--settings, {question.key}" if own else question.option
             text, where = (default, place) if answer is None else answer
             state[question.key] = _value(question, text, axes, where)
@@ -373,6 +439,8 @@ def machine_answers(outcome: InterviewResult) -> Answers:
     from ph_post.identify.newmachine import Answers, AxisAnswers
 
     state, taken = outcome
+    gains = {question.key: state.get(question.key, {}) for question in _CASCADE}
+    _check_gains(state, gains)
     axes = {
         axis: AxisAnswers(
             feedback=state["loop"][axis],
@@ -382,6 +450,7 @@ def machine_answers(outcome: InterviewResult) -> Answers:
             c_s=state.get("following_error", {}).get(axis),
             screw_lead_mm=state.get("lead", {}).get(axis),
             gear_ratio=state.get("gear", {}).get(axis),
+            gains={key: found[axis] for key, found in gains.items() if axis in found},
             taken=taken,
         )
         for axis in state["axes"]
@@ -393,6 +462,19 @@ def machine_answers(outcome: InterviewResult) -> Answers:
         axes=axes,
         planner=state.get("planner", {}),
     )
+
+
+def _check_gains(state: State, gains: Mapping[str, Mapping[str, float]]) -> None:
+    """Refuse a following error beside the gains of a cascade.
+
+    Raises
+    ------
+    InputError
+    """
+    for axis in gains["position_gain"]:
+        if state.get("following_error", {}).get(axis) is not None:
+            what = f"the cascade of axis {axis} has one of its own"
+            raise InputError("--following-error", what, expected="--position-gain alone")
 
 
 def _default(question: Question, state: State, axes: AskedAxes, settings: Settings) -> tuple[str, bool]:
@@ -460,11 +542,12 @@ def _value(question: Question, text: str, axes: AskedAxes, where: str) -> Any:
     return question.kind.one(text, where) if axes is None else by_axis(question.kind, text, axes, where)
 
 
-def _refuse_idle(answer: GivenAnswer | None) -> None:
+def _refuse_idle(question: Question, answer: GivenAnswer | None) -> None:
     """Refuse the answer to a question that this machine does not have: it was meant for another."""
     if answer is not None:
         what = "answers nothing on a machine without such a loop"
-        raise InputError(answer.where, what, expected="no such answer", got=repr(answer.text))
+        expected = "--position-gain as well" if question.silent else "no such answer"
+        raise InputError(answer.where, what, expected=expected, got=repr(answer.text))
 
 
 def _text(value: Any, where: str) -> str:

@@ -51,7 +51,7 @@ command.add_command(measure, "measure")
 @click.option(
     "--settings",
     metavar="FILE",
-    help="Defaults from the controller's own settings: a listing of Grbl's $$, or LinuxCNC's .ini file.",
+    help="Defaults from the controller's own settings: a listing of Grbl's $$, or LinuxCNC's .ini or .hal file.",
 )
 @click.option("--yes", is_flag=True, help="Ask nothing: what no option and no file answers takes its default.")
 @click.option("--force", is_flag=True, help="Replace FILE where it is there already.")
@@ -71,7 +71,8 @@ def new(
     screw and gear where there is a glass scale, speed and acceleration, the following error, and the servo
     period. Every question says where the answer is found, and has a default. What cannot be asked is taken
     from the shipped machine with the same loop, and marked in the file: measure it with calibrate and
-    identify. Every line has a comment. The file is read back before it is written to FILE, or to standard
+    identify. Gains of a drive or of LinuxCNC's pid, by option or out of --settings, make a cascade; nobody is asked for
+    them. Every line has a comment. The file is read back before it is written to FILE, or to standard
     output.
 
     An option answers its question beforehand: one value for all axes, one each ("0.03 0.05 0.02"), or by name
@@ -85,6 +86,7 @@ def new(
       ph-post machine new small_router.toml --yes --axes XY --loop none --lost-motion 0.002in --json
       ph-post machine new --answers answers.toml --yes > old_mill.toml
       ph-post machine new my_stepper.toml --settings grbl_settings.txt
+      ph-post machine new my_servo.toml --yes --loop motor --position-gain 2.4m/min/mm --feedforward 95%
 
     \b
     JSON:
@@ -102,7 +104,8 @@ def new(
     made = new_machine(machine_answers(conduct(_known(answers, given), yes, own)))
     if not (output == "-" and as_json):
         _write(output, made, force)
-    warnings = [*_warnings(made), *twice_compensated(settings or "", own)]
+    left_out = [f"{settings}: {note}" for note in own.get("notes", {}).values()]
+    warnings = [*_warnings(made), *twice_compensated(settings or "", own), *left_out]
     if as_json:
         _print_view(output, made, warnings)
     for line in warnings:

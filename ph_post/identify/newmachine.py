@@ -7,7 +7,8 @@ said to be.
 Of a controller's settings only what an interview would ask for is taken: speed and acceleration by axis, the
 servo period, the backlash that LinuxCNC takes back itself. Sources: Grbl 1.1's table of settings ($110 to
 $112 [mm/min], $120 to $122 [mm/s²]); LinuxCNC's INI configuration ([AXIS_L] and [JOINT_N] MAX_VELOCITY,
-MAX_ACCELERATION and BACKLASH in [TRAJ] LINEAR_UNITS and seconds, [EMCMOT] SERVO_PERIOD [ns]).
+MAX_ACCELERATION and BACKLASH in [TRAJ] LINEAR_UNITS and seconds, [EMCMOT] SERVO_PERIOD [ns], and the gains of its pid,
+P, I, D, FF0, FF1, FF2, DEADBAND and MAX_OUTPUT, pid(9)).
 """
 
 from __future__ import annotations
@@ -26,13 +27,18 @@ from ph_post.errors import InputError
 from ph_post.files.machine import PLANNER_KEYS, Row, machine_document, written
 from ph_post.files.storage import SourceText, source_of
 from ph_post.types import LOOPS, MACHINE_AXES, USUAL_REFERENCE, Axis, Feedback, Loop, Machine
-from ph_post.units import INCH, MINUTE, MM, MM_PER_MIN, MS
+from ph_post.units import INCH, MINUTE, MM, MM_PER_MIN, MS, PERCENT
 
 _GRBL: Final = re.compile(r"^\s*\$(1[12][012]?)\s*=\s*([0-9.]+)", re.MULTILINE)
 _GRBL_PLANNER: Final = {"11": "junction_deviation_mm", "12": "arc_tolerance_mm"}
 _STARTUP: Final = re.compile(r"G64\s*P\s*([0-9.]+)", re.IGNORECASE)
 _SECTION: Final = re.compile(r"\s*\[\s*(\w+)\s*\]")
 _ENTRY: Final = re.compile(r"\s*(\w+)\s*=\s*([^#;]*)")
+_HAL: Final = re.compile(r"^\s*setp\s+(\S+)\.([PID]gain|FF[012]|deadband|maxoutput)\s+(\S+)", re.MULTILINE | re.I)
+_PID: Final = ("P", "I", "D", "FF0", "FF1", "FF2", "DEADBAND", "MAX_OUTPUT")
+_PID_PINS: Final = {"pgain": "P", "igain": "I", "dgain": "D", "maxoutput": "MAX_OUTPUT"} | {
+    key.lower(): key for key in _PID[3:7]
+}
 _INCHES: Final = ("inch", "in", "imperial")
 _NS_IN_MS: Final = 1e6
 
@@ -42,7 +48,8 @@ Ini = Mapping[tuple[str, str], str]
 class ControllerSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Settings by axis in mm/s, mm/s² and mm; the servo period in ms, None where it is not given.
 
-    `planner` are keys of ``[controller]`` in a machine file, with their values.
+    `planner` are keys of ``[controller]`` in a machine file, with their values; `gains` those of cascades, by name and
+    axis, as :class:`AxisAnswers` has them. `notes` say what of them is left out.
     """
 
     dialect: str
@@ -51,6 +58,8 @@ class ControllerSettings(msgspec.Struct, frozen=True, kw_only=True):
     lost_motion: Mapping[str, float]
     servo_period: float | None = None
     planner: Mapping[str, float] = {}
+    gains: Mapping[str, Mapping[str, float]] = {}
+    notes: tuple[str, ...] = ()
 
 
 def controller_settings(text: SourceText) -> ControllerSettings:
@@ -64,6 +73,8 @@ def controller_settings(text: SourceText) -> ControllerSettings:
     found = _GRBL.findall(text.text)
     if found:
         return _grbl(found, text.name)
+    if _HAL.search(text.text):
+        return _hal(text)
     ini = dict(_entries(text.text))
     if any(section in ("TRAJ", "EMCMOT") for section, _ in ini):
         return _linuxcnc(ini, text.name)
@@ -71,7 +82,7 @@ def controller_settings(text: SourceText) -> ControllerSettings:
     raise InputError(
         text.name,
         "no settings of a controller",
-        expected="a listing of Grbl's $$, or LinuxCNC's .ini file",
+        expected="a listing of Grbl's $$, or LinuxCNC's .ini or .hal file",
         got="a file that includes others, which are not read" if included else "",
     )
 
@@ -101,6 +112,7 @@ def _linuxcnc(ini: Ini, name: str) -> ControllerSettings:
                 found[axis] = min(numbers) * unit
         return found
 
+    gains, notes = _pid_gains(_pids_of(ini, places, name), unit)
     period = ini.get(("EMCMOT", "SERVO_PERIOD"))
     mode = _STARTUP.search(ini.get(("RS274NGC", "RS274NGC_STARTUP_CODE"), ""))
     return ControllerSettings(
@@ -110,7 +122,71 @@ def _linuxcnc(ini: Ini, name: str) -> ControllerSettings:
         lost_motion=taken("BACKLASH"),
         servo_period=None if period is None else _number(period, f"{name}: [EMCMOT] SERVO_PERIOD") / _NS_IN_MS,
         planner={} if mode is None else {"path_tolerance_mm": float(mode[1]) * unit},
+        gains=gains,
+        notes=notes,
     )
+
+
+Pid = Mapping[str, float]
+"""Gains of one of LinuxCNC's pid by their names in an INI file, and MAX_VELOCITY where it is known."""
+
+
+def _pids_of(ini: Ini, places: Mapping[str, tuple[str, str]], name: str) -> dict[str, Pid]:
+    """Take the gains that an INI file keeps for its HAL files, of the joint or else of the axis."""
+    return {
+        axis: {
+            key: _number(ini[one, key], f"{name}: [{one}] {key}")
+            for one in sections
+            for key in (*_PID, "MAX_VELOCITY")
+            if (one, key) in ini
+        }
+        for axis, sections in places.items()
+    }
+
+
+def _hal(text: SourceText) -> ControllerSettings:
+    """Take the gains that a HAL file sets; a pid belongs to the axis in its name, or of its number."""
+    pids: dict[str, dict[str, float]] = {}
+    for pid, pin, value in _HAL.findall(text.text):
+        letter = re.search(r"(?:^|[._-])([xyz0-2])(?:$|[._-])", pid.lower())
+        if letter is None:
+            continue
+        if value.startswith("["):
+            where = f"{text.name}: {pid}.{pin}"
+            raise InputError(where, "the number stands in the INI file", expected="that file", got=value)
+        axis = MACHINE_AXES[int(letter[1])] if letter[1].isdigit() else letter[1].upper()
+        pids.setdefault(axis, {})[_PID_PINS[pin.lower()]] = _number(value, f"{text.name}: {pid}.{pin}")
+    gains, notes = _pid_gains(pids, 1.0)
+    return ControllerSettings(dialect="linuxcnc", speed={}, acceleration={}, lost_motion={}, gains=gains, notes=notes)
+
+
+def _pid_gains(pids: Mapping[str, Pid], unit: float) -> tuple[dict[str, dict[str, float]], tuple[str, ...]]:
+    """Turn pids whose output is the speed of a drive into gains of a cascade, by name and axis, and notes.
+
+    Of P e + D ė + FF1 Ẋ + FF2 Ẍ the drive takes 1 + D off its speed: all of it is divided by that. The integrator of
+    the position and FF0 have no place in a cascade.
+    """
+    gains: dict[str, dict[str, float]] = {}
+    notes = []
+    for axis, pid in pids.items():
+        own = pid.get("P", 0.0)
+        if own <= 0.0:
+            continue
+        if 0.0 < pid.get("MAX_OUTPUT", 0.0) < pid.get("MAX_VELOCITY", 0.0):
+            notes.append(f"{axis}: MAX_OUTPUT is below MAX_VELOCITY: pid's output is no speed, its gains are left out")
+            continue
+        notes += [f"{axis}: {key} of its pid is left out, a cascade has none" for key in ("I", "FF0") if pid.get(key)]
+        whole = 1.0 + pid.get("D", 0.0)
+        found = {
+            "position_gain": own / whole,
+            "feedforward": (pid.get("FF1", 0.0) + pid.get("D", 0.0)) / whole / PERCENT,
+            "acceleration_lead": pid.get("FF2", 0.0) / whole / MS,
+            "deadband": pid.get("DEADBAND", 0.0) * unit,
+        }
+        for key, value in found.items():
+            if value or key == "position_gain":
+                gains.setdefault(key, {})[axis] = value
+    return gains, tuple(notes)
 
 
 def _entries(text: str) -> Iterator[tuple[tuple[str, str], str]]:
@@ -147,7 +223,9 @@ class AxisAnswers(msgspec.Struct, frozen=True, kw_only=True):
     """Answers for one axis, in the shop's units: mm, mm/s, mm/s².
 
     `c_s` [s] is following error over speed, None where nobody knows it. `screw_lead_mm` and `gear_ratio` are
-    needed on a `load` loop alone. `taken` are the keys that nobody answered: the shipped machine's.
+    needed on a `load` loop alone. `gains` are those of a cascade: position_gain and velocity_gain [1/s], integral_time
+    and acceleration_lead [ms], feedforward [%], deadband [mm]; without a position gain it is none. `taken` are the keys
+    that nobody answered: the shipped machine's.
     """
 
     feedback: Feedback
@@ -157,6 +235,7 @@ class AxisAnswers(msgspec.Struct, frozen=True, kw_only=True):
     c_s: float | None = None
     screw_lead_mm: float | None = None
     gear_ratio: float | None = None
+    gains: Mapping[str, float] = {}
     taken: frozenset[str] = frozenset()
 
     @property
@@ -260,6 +339,9 @@ def _servo_rows(axis: AxisAnswers, model: Axis) -> Iterator[Row]:
         yield Row("c", 0.0, "s, as long as none is lost")
         return
     shipped = f"assumed ({axis.loop.model}.toml), identify measures it"
+    if axis.gains:
+        yield from _cascade_rows(axis, model)
+        return
     c = model.servo.c if axis.c_s is None else axis.c_s
     ratio = model.servo.b / model.servo.c**2
     yield Row("b", ratio * c * c, f"s², how fast the loop answers; {ratio:.2g} c² {shipped}", assumed=True)
@@ -268,6 +350,33 @@ def _servo_rows(axis: AxisAnswers, model: Axis) -> Iterator[Row]:
     else:
         lag = c * MM_PER_MIN / MM * 1000.0
         yield Row("c", c, f"s, following error / speed: {lag:.4g} mm at 1000 mm/min, gain {1 / c:.4g}/s")
+
+
+_CASCADE_ROWS: Final = (
+    ("integral_time", "velocity_integral_time_ms", "T_n of the velocity loop"),
+    ("feedforward", "velocity_feedforward_percent", "weight of the command's speed"),
+    ("acceleration_lead", "acceleration_lead_ms", "acceleration fed forward to the velocity loop"),
+    ("deadband", "deadband_mm", "position error that is passed over"),
+)
+
+
+def _cascade_rows(axis: AxisAnswers, model: Axis) -> Iterator[Row]:
+    """Yield the gains of a cascade; its velocity loop, where nobody knows it, is as quick as the shipped machine's."""
+    gains = axis.gains
+    gain = gains["position_gain"]
+    yield Row("control.structure", "cascade", "P position loop around a PI velocity loop")
+    lag = f"K_v, {gain * MINUTE * MM:.4g} m/min/mm"
+    yield Row("control.position_gain_per_s", gain, lag)
+    words = "bandwidth of the velocity loop"
+    if "velocity_gain" in gains:
+        yield Row("control.velocity_gain_per_s", gains["velocity_gain"], words)
+    else:
+        quicker = model.servo.c**2 / model.servo.b
+        words = f"{words}; {quicker:.2g} K_v assumed ({axis.loop.model}.toml)"
+        yield Row("control.velocity_gain_per_s", quicker * gain, words, assumed=True)
+    for key, name, meaning in _CASCADE_ROWS:
+        if key in gains:
+            yield Row(f"control.{name}", gains[key], meaning)
 
 
 def _drive_rows(axis: AxisAnswers, model: Axis) -> Iterator[Row]:
@@ -303,7 +412,7 @@ def _limit_rows(axis: AxisAnswers, model: Axis) -> Iterator[Row]:
     rise = model.limits.acceleration / model.limits.jerk
     jerk = f"full acceleration after {rise / MS:.3g} ms; assumed ({axis.loop.model}.toml)"
     yield Row("max_jerk_mm_s3", acceleration / rise, jerk, assumed=True)
-    if axis.loop.encloses_backlash and axis.gear_ratio and axis.screw_lead_mm:
+    if axis.loop.encloses_backlash and axis.gear_ratio and axis.screw_lead_mm and not axis.gains:
         motor = acceleration * axis.gear_ratio / axis.screw_lead_mm * math.tau
         words = "assumed: no more than the table's acceleration takes"
         yield Row("max_motor_acceleration_rad_s2", motor, words, assumed=True)

@@ -23,7 +23,7 @@ from ph_post.cli.main import main
 from ph_post.dialects.registry import dialect_names
 from ph_post.files.storage import shipped, shipped_names
 
-KEYS = [question.key for question in QUESTIONS]
+KEYS = [question.key for question in QUESTIONS if not question.silent]
 NEW = ("machine", "new")
 
 
@@ -302,10 +302,10 @@ def test_the_axes_are_those_of_the_settings(capsys, tmp_path):
     [
         (
             "#INCLUDE other.inc\n[FILTER]\nngc = cat",
-            "no settings of a controller; expected a listing of Grbl's $$, or LinuxCNC's .ini file; "
+            "no settings of a controller; expected a listing of Grbl's $$, or LinuxCNC's .ini or .hal file; "
             "got a file that includes others, which are not read",
         ),
-        ("G1 X1", "no settings of a controller; expected a listing of Grbl's $$, or LinuxCNC's .ini file"),
+        ("G1 X1", "no settings of a controller; expected a listing of Grbl's $$, or LinuxCNC's .ini or .hal file"),
         ("$110=1.2.3", "$110: no number; expected a number; got '1.2.3'"),
         (
             "[TRAJ]\nCOORDINATES = X\n[AXIS_X]\nMAX_VELOCITY = fast",
