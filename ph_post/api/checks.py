@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from ph_post.api.expansion import written_out
 from ph_post.api.inputs import Source, any_machine
 from ph_post.dialects.reading import read_program_file, read_program_pair
 from ph_post.dialects.registry import find_dialect
@@ -75,6 +76,7 @@ def verify(
     progress("reading")
     drives = None if machine is None else any_machine(machine)[0]
     programs = read_program_pair(original, compensated, drives, dialect)
+    programs = (written_out(*programs), programs[1])
     progress("comparing")
     return verifying.verify(*programs, tolerance=tolerance, machine=drives)
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from typing import Literal
 
+from ph_post.api.expansion import before_expansion
 from ph_post.api.inputs import Job, Source, raw_job
 from ph_post.api.options import CompensateOptions
 from ph_post.api.outcomes import Compensation
 from ph_post.api.path_compensation import compensated_path
 from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.compensate.options import PlanOutput
+from ph_post.dialects.declaration import read_declaration
 from ph_post.drive.intervals import IntervalTable
 from ph_post.edit import undo as edit_undo
 from ph_post.edit.edits import TOLERANCE
+from ph_post.expand.writing import is_written_out
 from ph_post.files.storage import SourceBytes, is_program, or_shipped, read_raw
 from ph_post.gcode.program import PartProgram
 from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE, FeedMode
@@ -75,6 +80,9 @@ def compensate(
     force: bool = False,
     require_all: bool = False,
     lead_program: bool = False,
+    expand: bool = False,
+    subprograms: Sequence[Source] = (),
+    parameters: Source | None = None,
     progress: Progress = no_progress,
 ) -> Compensation:
     """Compensate a path or a part program for the backlash of a machine.
@@ -151,6 +159,12 @@ def compensate(
         Refuse a result in which a reversal at which the tool cuts is not compensated.
     lead_program : bool
         Write the lead of the servos into the path of the program, as chords; it holds at 100 % feed override.
+    expand : bool
+        Write a part program out first: parameters, loops, subprograms and cycles become plain motions.
+    subprograms : sequence of str or path
+        Folders of subprograms that are files of their own, besides that of the program.
+    parameters : str or path, optional
+        The controller's file of parameters, for programs that read them.
     progress : callable, optional
         Called with the name of every stage.
 
@@ -210,12 +224,15 @@ def compensate(
         force=force,
         require_all=require_all,
         lead_program=lead_program,
+        expand=expand,
+        subprograms=tuple(os.fspath(folder) for folder in subprograms),
+        parameters=parameters,
     )
     return compensated(job, machine, options, output, progress)
 
 
 def undo(program: PartProgram | SourceBytes | Source) -> bytes:
-    r"""Return the original of a compensated part program, byte for byte.
+    r"""Return the original of a compensated part program, byte for byte; of one that was written out, from before that.
 
     Parameters
     ----------
@@ -242,7 +259,8 @@ def undo(program: PartProgram | SourceBytes | Source) -> bytes:
     ...     file.read_bytes() == original, ph.undo(file) == original
     (False, True)
     """
-    if isinstance(program, PartProgram | SourceBytes):
-        return edit_undo.undo(program.data, program.name)
-    raw = read_raw(or_shipped("paths", program))
-    return edit_undo.undo(raw.data, raw.name)
+    raw = program if isinstance(program, PartProgram | SourceBytes) else read_raw(or_shipped("paths", program))
+    data = raw.data
+    if read_declaration(data) is not None or not is_written_out(data):
+        data = edit_undo.undo(data, raw.name)
+    return before_expansion(data, raw.name) or data

@@ -75,6 +75,9 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     force: bool = False
     require_all: bool = False
     lead_program: bool = False
+    expand: bool = False
+    subprograms: tuple[str, ...] = ()
+    parameters: str | os.PathLike[str] | None = None
     notes_in_header: bool = False
 
     def __post_init__(self) -> None:
@@ -186,7 +189,11 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         InputError
             With the option's name as the command line has it.
         """
-        given = {"--position-from": self.position_from is not None, "--overshoot": self.overshoot is not None}
+        given = {
+            "--position-from": self.position_from is not None,
+            "--overshoot": self.overshoot is not None,
+            "--expand": self.expand,
+        }
         refused = next((option for option, used in given.items() if used), None)
         if refused is not None:
             raise OptionsError(f"{refused} is for part programs")

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import msgspec
 
+from ph_post.api.expansion import expanded_job
 from ph_post.api.inputs import Source, machine_named, program_in, raw_job
 from ph_post.api.options import CompensateOptions
 from ph_post.api.outcomes import Compensation, left_words, passed_through
@@ -74,10 +75,20 @@ class ProgramCompensation(Compensation):
         )
 
     @cached_property
+    def expansion(self) -> tuple[PartProgram | SourceBytes, tuple[str, ...]]:
+        """The job, written out where that was asked for, and what has to be known of it."""
+        return expanded_job(self._job, self.machine.dialect, self.options)
+
+    @property
+    def expanded(self) -> bool:
+        """Whether the program was written out."""
+        return self.expansion[0] is not self._job
+
+    @cached_property
     def edited(self) -> CompensatedProgram:
         """The program before and after, with the changes."""
         self.options.check_for_program()
-        program = program_in(self._job, self.machine.dialect, strict=self.options.strict)
+        program = program_in(self.expansion[0], self.machine.dialect, strict=self.options.strict)
         return compensate_program(program, self.machine, self.request, self._progress)
 
     @property
@@ -120,7 +131,7 @@ class ProgramCompensation(Compensation):
         if self.output == "table":
             return self.longest.warnings
         said = (*gravity_notes(self.machine, moved_axes(self.original)), *planner_notes(self.machine))
-        return (*self.edited.warnings, *said)
+        return (*self.expansion[1], *self.edited.warnings, *said)
 
     @property
     def axis_reversals(self) -> tuple[AxisReversals, ...]:

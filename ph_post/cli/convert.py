@@ -26,6 +26,22 @@ from ph_post.cli import options
     help=f"With --in-place: keep the original as part.ngcEND. [{options.BACKUP}]",
 )
 @click.option("--undo", is_flag=True, help="Restore the original of a compensated program, byte for byte.")
+@click.option(
+    "--expand",
+    is_flag=True,
+    help="Write a program out first: parameters, loops, subprograms and cycles become plain motions. For LinuxCNC.",
+)
+@click.option(
+    "--subprograms",
+    multiple=True,
+    metavar="FOLDER",
+    help="With --expand: where subprograms are that are files of their own, besides the folder of IN; may be repeated.",
+)
+@click.option(
+    "--parameters",
+    metavar="FILE",
+    help="With --expand: the controller's file of parameters (linuxcnc.var), for programs that read them.",
+)
 @options.force
 @options.strict
 @click.option(
@@ -145,6 +161,7 @@ def command(
       pulses         of the same: largest backlash take-up move, by axis [mm]
       lead           of the same with --lead-program: a list of {override, before, after}, the errors at feed overrides
       verified       of the same: whether the check has passed; with --undo, that of the hash
+      expanded       of a part program: whether it was written out
       unchanged      of a part program: whether nothing had to change
     """
     from ph_post.cli.conversion import convert_path, convert_program
@@ -179,7 +196,7 @@ def _refuse_program_options(how: dict[str, Any], program: str | None) -> None:
     """Refuse what only an existing program can be asked for, and to splice one and sample it in one go."""
     if program is not None:
         raise click.UsageError("of a part program either -o or --table is made at a time; got both")
-    names = ("suffix", "in_place", "backup", "undo", "force", "strict")
+    names = ("suffix", "in_place", "backup", "undo", "force", "strict", "expand")
     given = [f"--{name.replace('_', '-')}" for name in names if how[name]]
     if given:
         raise click.UsageError(f"{given[0]} is for a part program that is written as one")

@@ -78,6 +78,7 @@ def program_view(result: ProgramCompensation, outcome: ResultSummary) -> dict[st
         **summary_view(outcome),
         **_edits_view(result.edited),
         "unchanged": result.unchanged,
+        "expanded": result.expanded,
         "warnings": list(result.warnings),
     }
 

@@ -1,0 +1,133 @@
+"""Write programs that compute out before they are compensated, and get the originals back."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from ph_post.api.options import CompensateOptions
+from ph_post.dialects.declaration import read_declaration
+from ph_post.edit.undo import original_of
+from ph_post.errors import InputError
+from ph_post.expand.expand import ExpandError, Expansion, Folders, expand
+from ph_post.expand.writing import is_written_out, read_written
+from ph_post.files.storage import SourceBytes, read_source
+from ph_post.gcode.program import PartProgram
+from ph_post.gcode.read import reread
+
+_SPOKEN: Final = ("linuxcnc", "grbl", "grblhal")
+"""Dialects whose programs are written out as LinuxCNC would run them."""
+
+
+def expanded_job(
+    job: PartProgram | SourceBytes, dialect: str, options: CompensateOptions
+) -> tuple[PartProgram | SourceBytes, tuple[str, ...]]:
+    """Write a program out where the options ask for it.
+
+    Parameters
+    ----------
+    job : PartProgram or SourceBytes
+    dialect : str
+        The machine's.
+    options : CompensateOptions
+
+    Returns
+    -------
+    job : PartProgram or SourceBytes
+        The same where nothing is asked for, nothing is computed, or it cannot be worked out.
+    notes : tuple of str
+        What has to be known, and why a program stays as it is, a sentence each.
+
+    Raises
+    ------
+    InputError
+        Where the file of parameters cannot be read; of `strict` options also where the program cannot be written out.
+    """
+    if not options.expand or read_declaration(job.data) is not None or is_written_out(job.data):
+        return job, ()
+    parameters = None if options.parameters is None else read_parameters(options.parameters)
+    base = dialect.split("+", maxsplit=1)[0]
+    if base not in _SPOKEN:
+        return job, (f"{job.name}: not written out: programs of {dialect} are taken as they are",)
+    folders = Folders(_folders(job.name, options.subprograms))
+    try:
+        found = expand(job.data, job.name, folders, parameters=parameters)
+    except ExpandError as error:
+        where = f"{error.file or job.name}:{max(error.line, 1)}"
+        if options.strict:
+            raise InputError(where, error.what, expected=error.expected, got=error.got) from None
+        said = InputError(where, error.what, expected=error.expected, got=error.got)
+        return job, (f"{said}: not written out, the program stays as it is",)
+    return _with_data(job, found), found.notes
+
+
+def _with_data(job: PartProgram | SourceBytes, found: Expansion) -> PartProgram | SourceBytes:
+    if found.data == job.data:
+        return job
+    if isinstance(job, PartProgram):
+        return reread(job, found.data)
+    return SourceBytes(name=job.name, stem=job.stem, data=found.data)
+
+
+def _folders(name: str, asked: tuple[str, ...]) -> tuple[Path, ...]:
+    """Return where subprograms may be: beside the program, and where the user says."""
+    own = Path(name)
+    return (*((own.parent,) if own.is_file() else ()), *(Path(folder) for folder in asked))
+
+
+def read_parameters(source: str | os.PathLike[str]) -> dict[int, float]:
+    """Read a controller's file of parameters: a number and a value on each line.
+
+    Raises
+    ------
+    InputError
+        Where it is none.
+    """
+    text = read_source(source)
+    found: dict[int, float] = {}
+    for number, line in enumerate(text.text.splitlines(), 1):
+        words = line.split("#")[0].split()
+        if not words:
+            continue
+        try:
+            key, value = words
+            found[int(key)] = float(value)
+        except ValueError:
+            raise InputError(
+                f"{text.name}:{number}", "not a parameter", expected="its number and its value", got=line.strip()[:40]
+            ) from None
+    return found
+
+
+def before_expansion(data: bytes, name: str) -> bytes | None:
+    """Return the original of a program that was written out; None where it was not.
+
+    Raises
+    ------
+    InputError
+        Where the program was changed after that.
+    """
+    found = read_written(data, name)
+    return None if found is None else found.original
+
+
+def written_out(original: PartProgram, compensated: PartProgram) -> PartProgram:
+    """Return what a compensated program was made of: the original, or what it comes to where that was written out.
+
+    The original is written out again, and has to come to the same.
+    """
+    try:
+        plain = original_of(compensated) or compensated
+        kept = read_written(plain.data, plain.name)
+        if kept is None or kept.original != original.data:
+            return original
+        again = _again(original, kept.files, kept.parameters)
+    except (InputError, ExpandError):
+        return original
+    return reread(original, again) if again == plain.data else original
+
+
+def _again(original: PartProgram, files: Mapping[str, bytes], parameters: Mapping[int, float] | None) -> bytes:
+    return expand(original.data, original.name, Folders(known=files), parameters=parameters).data

@@ -1,0 +1,1 @@
+"""Write programs out that compute: parameters, loops, subprograms and cycles become plain motions."""

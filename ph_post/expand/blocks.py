@@ -1,0 +1,299 @@
+"""One line of a program that is written out: what it does to modes and place, and what is written for it."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Final
+
+from ph_post.expand.cycles import CYCLES, MOVING, CycleMemory, CycleWriter
+from ph_post.expand.faults import ExpandError, NotExpandableError
+from ph_post.expand.lines import Line, Word
+from ph_post.expand.machine import AXES, GROUP_OF, MOTIONS, Machine
+from ph_post.expand.offsets import Offsets
+from ph_post.expand.values import UNKNOWN, Store
+from ph_post.expand.writing import number_text
+
+_SETTING: Final = (100, 280, 281, 300, 301, 520, 920, 921, 922, 923)
+"""G words that take axis words for something else than a motion in the mode in force."""
+
+_KNOWN: Final = {*GROUP_OF, *MOTIONS, *_SETTING, 40, 53, 63, 530}
+_COMPUTED: Final = re.compile(r"#\s*(?:<([^>]*)>|(\d+))|%(?:d|f|\.(\d)f)")
+
+STOPS: Final = (2, 30)
+"""M words that end a program."""
+
+
+class Blocks:
+    """Runs blocks, and writes them out to `lines`.
+
+    Parameters
+    ----------
+    store : Store
+    machine : Machine
+    offsets : Offsets
+    decimals : int
+    """
+
+    def __init__(self, store: Store, machine: Machine, offsets: Offsets, decimals: int) -> None:
+        self.store, self.machine, self.offsets, self.decimals = store, machine, offsets, decimals
+        self.lines: list[str] = []
+        self.memory = CycleMemory()
+        self.notes: dict[str, None] = {}
+        self.changed = False
+
+    def run(self, line: Line, *, keep: bool) -> bool:
+        """Run a line; True where it ends the program. With `keep` a comment that is no order is kept.
+
+        Raises
+        ------
+        ExpandError
+            Where it cannot be worked out.
+        """
+        if line.fault is not None:
+            raise line.fault
+        values = [self._value(word) for word in line.words]
+        self._set(line)
+        codes = [round(10.0 * value) for word, value in values_of(line, values) if word.letter == "g"]
+        orders = [round(value) for word, value in values_of(line, values) if word.letter == "m"]
+        words = {word.letter: value for word, value in values_of(line, values) if word.letter not in "gm"}
+        if line.optional and (line.settings or set(codes) - {0, 10, 20, 30} or orders or self.machine.motion in CYCLES):
+            raise NotExpandableError("a line with a slash runs or not as the machine's switch says")
+        odd = [code for code in codes if code not in _KNOWN]
+        self._modal(codes, orders, words)
+        motion = self._motion(codes, words)
+        if motion in MOVING:
+            self._cycle(line, values, motion, words)
+        else:
+            self._write(line, values, keep=keep)
+            self._move(codes, motion, words)
+        if odd or any(order >= 100 for order in orders) or line.optional:
+            # Nobody knows what a word does that only this machine has; a line with a slash may be left out.
+            self.machine.forget(AXES if odd else "".join(a for a in AXES if a in words) if line.optional else "")
+        return any(order in STOPS for order in orders)
+
+    def _value(self, word: Word) -> float:
+        if word.plain is not None:
+            return word.plain
+        value = word.value(self.store)
+        self.store.require(value, word.letter.upper())
+        if word.letter in "gmtn" and abs(value - round(value, 1)) < 1e-4:
+            return round(value, 1)
+        return value
+
+    def _set(self, line: Line) -> None:
+        found: list[tuple[int | str, float]] = []
+        for one in line.settings:
+            key = one.name or self.store.index_of(one.index(self.store) if one.index else UNKNOWN)
+            found.append((key, one.value(self.store)))
+        for key, value in found:
+            self.store.put(key, value)
+            if not isinstance(key, str) and key > 5160:
+                self.offsets.was_set(key)
+        self.changed |= bool(found)
+
+    def _modal(self, codes: list[int], orders: list[int], words: dict[str, float]) -> None:
+        """Follow the modes."""
+        machine = self.machine
+        for code in codes:
+            group = GROUP_OF.get(code)
+            if group == "units":
+                machine.set_units(code)
+            elif group == "system":
+                self.offsets.select(code)
+            elif group == "length":
+                self.offsets.set_length(code, words)
+            elif group == "path":
+                machine.path_words = " ".join(
+                    f"{letter.upper()}{number_text(words[letter], self.decimals)}" for letter in "pq" if letter in words
+                )
+            if group is not None:
+                machine.modes[group] = code
+        if "f" in words and machine.modes["feed_mode"] != 930:
+            machine.feed = words["f"]
+        machine.speed, machine.selected = words.get("s", machine.speed), words.get("t", machine.selected)
+        for order in orders:
+            self._order(order, words)
+
+    def _order(self, order: int, words: dict[str, float]) -> None:
+        machine = self.machine
+        if order in (3, 4, 5, 19):
+            machine.spindle = order if order < 5 else 0
+        elif order in (7, 8, 9):
+            machine.mist = order == 7 or (machine.mist and order == 8)
+            machine.flood = order == 8 or (machine.flood and order == 7)
+        elif order in (48, 49):
+            machine.overrides[48] = order == 48
+        elif order == 6:
+            machine.tool = machine.selected
+            self.offsets.tool_changed()
+        elif order == 61:
+            machine.tool = words.get("q", UNKNOWN)
+            self.offsets.tool_changed()
+        elif order == 66:
+            self.store.numbers[5399] = UNKNOWN
+
+    def _motion(self, codes: list[int], words: dict[str, float]) -> int:
+        """Return the motion of a block, -1 for none."""
+        given = [code for code in codes if code in MOTIONS and code not in (70, 80)]
+        if given:
+            return given[0]
+        if any(code in (*_SETTING, 431, 432) for code in codes):
+            return -1
+        moves = any(axis in words for axis in (*AXES, "@", "^"))
+        return self.machine.motion if moves else -1
+
+    def _cycle(self, line: Line, values: list[float], motion: int, words: dict[str, float]) -> None:
+        machine, memory = self.machine, self.memory
+        if machine.motion not in CYCLES:
+            memory.initial = None
+        mode = machine.modes["path"]
+        writer = CycleWriter(machine, memory, self.decimals, stops=mode == 0)
+        if writer.is_open(words):
+            self.notes["cycles stay as they are where neither G98 nor G99 was said before them"] = None
+            self._write(line, values, keep=True, standing=True)
+            writer.leave_standing(motion, words)
+            return
+        rest = [
+            f"{word.letter.upper()}{number_text(value, self.decimals)}"
+            for word, value in values_of(line, values)
+            if not _belongs(word.letter, value, words)
+        ]
+        comments = [f"({text})" for text in line.comments]
+        if rest or comments:
+            self.lines.append(" ".join([*rest, *comments]))
+        made = writer.write(motion, words)
+        made.insert(writer.raised, "G61" if mode not in (0, 610) else "")
+        self.lines += ([] if machine.absolute else ["G90"]) + [text for text in made if text]
+        back = [] if machine.absolute else ["G91"]
+        if mode in (640, 611):
+            back.append(f"G{mode / 10:g}" + (f" {machine.path_words}" if mode == 640 and machine.path_words else ""))
+        if back:
+            self.lines.append(" ".join(back))
+        self.changed = True
+
+    def _write(self, line: Line, values: list[float], *, keep: bool, standing: bool = False) -> None:
+        if not line.computed and not line.active:
+            if line.words or keep:
+                self.lines.append(line.text)
+            else:
+                self.changed = True
+            return
+        self.changed = self.changed or line.computed
+        polar = not standing and any(word.letter in "@^" for word in line.words)
+        texts = [
+            f"{word.letter.upper()}{self._text(word, value)}"
+            for word, value in values_of(line, values)
+            if standing or word.letter not in "@^"
+        ]
+        if polar:
+            texts += self._polar(line, values)
+        texts = self._center(line, values, texts)
+        comments = line.comments if keep else line.active
+        if self.store.numbers.get(5599) == 0.0:  # switches these messages off
+            comments = tuple(text for text in comments if not re.match(r"\s*debug,", text, re.IGNORECASE))
+        texts += [f"({self._comment(text)})" for text in comments]
+        if texts:
+            self.lines.append(("/" if line.optional else "") + " ".join(texts))
+
+    def _text(self, word: Word, value: float) -> str:
+        return number_text(value, 1 if word.letter in "gm" else self.decimals)
+
+    def _polar(self, line: Line, values: list[float]) -> list[str]:
+        machine = self.machine
+        words = {word.letter: value for word, value in values_of(line, values)}
+        end = machine.target(words)
+        found = []
+        for axis in "xy":
+            value = end[axis] if machine.absolute else end[axis] - machine.place[axis]
+            if math.isnan(value):
+                raise NotExpandableError("polar words where the place is not known")
+            double = 2.0 if axis == "x" and machine.modes["diameter"] == 70 else 1.0
+            found.append(f"{axis.upper()}{number_text(value * double, self.decimals)}")
+        return found
+
+    def _center(self, line: Line, values: list[float], texts: list[str]) -> list[str]:
+        """Put the centre of an arc in the place of its radius, which tells a half circle's centre but roughly."""
+        words = {word.letter: value for word, value in values_of(line, values) if word.letter not in "gm"}
+        codes = [round(10.0 * value) for word, value in values_of(line, values) if word.letter == "g"]
+        motion, axes = self._motion(codes, words), self.machine.axes
+        if motion not in (20, 30) or "r" not in words or axes is None:
+            return texts
+        start, end = self.machine.place, self.machine.target(words)
+        across, along = (end[axes[0]] - start[axes[0]], end[axes[1]] - start[axes[1]])
+        chord = math.hypot(across, along)
+        if math.isnan(chord) or chord == 0.0 or abs(words["r"]) < (0.5 - 1e-4) * chord:
+            return texts
+        height = math.sqrt(max(words["r"] ** 2 - 0.25 * chord**2, 0.0)) / chord
+        height *= -1.0 if (motion == 20) == (words["r"] > 0.0) else 1.0
+        center = (0.5 * across - height * along, 0.5 * along + height * across)
+        kept = [text for text, word in zip(texts, self._shown(line), strict=False) if word.letter != "r"]
+        absolute = self.machine.modes["centres"] == 901
+        for axis, value in zip(axes, center, strict=False):
+            whole = value + start[axis] if absolute else value
+            kept.append(f"{'IJK'['xyz'.index(axis)]}{number_text(whole, self.decimals)}")
+        return kept + texts[len(self._shown(line)) :]
+
+    @staticmethod
+    def _shown(line: Line) -> list[Word]:
+        return [word for word in line.words if word.letter not in "@^"]
+
+    def _comment(self, text: str) -> str:
+        """Put values in the place of parameters in a comment that the controller shows."""
+        if not re.match(r"\s*(?:debug|print|log|abort),", text, re.IGNORECASE):
+            return text
+        style = ["%.6f"]
+
+        def put(found: re.Match[str]) -> str:
+            if found[0].startswith("%"):
+                style[0] = {"%d": "%.0f", "%f": "%.4f"}.get(found[0], found[0])
+                return ""
+            try:
+                name = re.sub(r"\s", "", found[1] or "").lower()
+                value = self.store.named(name) if found[1] else self.store.number(float(found[2]))
+            except ExpandError:
+                return found[0]
+            if math.isnan(value):
+                return found[0]
+            self.changed = True
+            return style[0] % (value or 0.0)
+
+        return _COMPUTED.sub(put, text)
+
+    def _move(self, codes: list[int], motion: int, words: dict[str, float]) -> None:
+        """Follow the place of a block that is written as it is."""
+        machine = self.machine
+        for code in codes:
+            if code in _SETTING:
+                self.offsets.apply(code, words)
+        if motion == -1:
+            return
+        if motion not in CYCLES:
+            self.memory.initial = None
+        if 530 in codes:
+            self.offsets.move_in_machine(words)
+        elif motion in (382, 383, 384, 385):
+            machine.forget("".join(axis for axis in AXES if axis in words))
+            self.store.numbers.update(dict.fromkeys(range(5061, 5071), UNKNOWN))
+        elif motion in (700, 710, 711, 712, 720, 721, 722, 760):
+            machine.forget("xz")
+        elif motion in CYCLES:
+            if self.memory.initial is not None:
+                raise NotExpandableError("a cycle with a turning spindle behind one that is written out")
+            machine.forget("xyz")
+        elif motion != 800:
+            machine.place = machine.target(words)
+        machine.motion = motion
+
+
+def values_of(line: Line, values: list[float]) -> list[tuple[Word, float]]:
+    """Return the words of a line beside their values."""
+    return list(zip(line.words, values, strict=True))
+
+
+def _belongs(letter: str, value: float, words: dict[str, float]) -> bool:
+    """Return whether a word is part of a cycle."""
+    if letter == "g":
+        return round(10.0 * value) in MOVING
+    del words
+    return letter in "xyzabcuvwrqpl@^"

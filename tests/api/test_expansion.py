@@ -1,0 +1,81 @@
+"""Programs that compute, from the file to the compensated program and back."""
+
+import pytest
+
+import ph_post as ph
+from ph_post.errors import InputError
+
+PROGRAM = """\
+G21 G90 G17 G64 P0.01 F600
+o100 sub
+G1 X[#1*2] Y#1
+G1 X0
+Y0
+o100 endsub
+G0 X0 Y0
+o1 repeat [2]
+o100 call [10]
+o1 endrepeat
+M2
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    file = tmp_path / "part.ngc"
+    file.write_bytes(PROGRAM.encode().replace(b"\n", b"\r\n"))
+    return file
+
+
+def test_loops_are_compensated_and_taken_back(file, tmp_path):
+    plain = ph.compensate(file, "stepper", dialect="linuxcnc")
+    assert plain.reversals.compensated == 0
+    result = ph.compensate(file, "stepper", dialect="linuxcnc", expand=True, max_slowdown=1.0)
+    assert result.expanded
+    assert result.reversals.compensated == result.reversals.all > 0
+    out = tmp_path / "out.ngc"
+    result.write(out)
+    assert ph.verify(file, out).ok
+    assert ph.undo(out) == file.read_bytes()
+    again = ph.compensate(out, "stepper", dialect="linuxcnc", expand=True, max_slowdown=1.0)
+    assert again.program() == out.read_bytes()
+
+
+def test_what_was_written_out_alone_is_taken_back_too(file, tmp_path):
+    out = tmp_path / "out.ngc"
+    ph.compensate(file, "stepper", dialect="linuxcnc", expand=True, strategy="none").write(out)
+    assert b"\r\nG1 X20 Y10\r\n" in out.read_bytes()
+    assert b"repeat" not in out.read_bytes()
+    assert ph.undo(out) == file.read_bytes()
+    assert ph.verify(file, out).ok
+    out.write_bytes(out.read_bytes().replace(b"G1 X20 Y10", b"G1 X21 Y10", 1))
+    with pytest.raises(InputError, match="changed after it was written out"):
+        ph.undo(out)
+    assert not ph.verify(file, out).ok
+
+
+def test_what_cannot_be_written_out_stays_and_is_named(file):
+    file.write_bytes(b"G21 G90 F600\nG0 X0\n#1=1\no1 while [#1]\nG1 X5\nX0\no1 endwhile\nM2\n")
+    result = ph.compensate(file, "stepper", dialect="linuxcnc", expand=True)
+    assert not result.expanded
+    assert "the loop never ends" in result.warnings[0]
+    assert f"{file}:4:" in result.warnings[0]
+    assert result.program() == file.read_bytes()
+    with pytest.raises(InputError, match="the loop never ends"):
+        ph.compensate(file, "stepper", dialect="linuxcnc", expand=True, strict=True)
+
+
+def test_other_dialects_say_that_they_are_left(file):
+    result = ph.compensate(file, "stepper", dialect="marlin", expand=True)
+    assert "programs of marlin are taken as they are" in result.warnings[0]
+
+
+def test_a_file_of_parameters_is_read(file, tmp_path):
+    file.write_bytes(b"G21 G90 F600\nG0 X#31\nG1 X[#31+5]\nX#31\nM2\n")
+    values = tmp_path / "linuxcnc.var"
+    values.write_text("31\t2.500000\n5221 0.0\n")
+    how = {"dialect": "linuxcnc", "expand": True, "strategy": "none", "parameters": values}
+    assert b"G0 X2.5\nG1 X7.5\nX2.5\n" in ph.compensate(file, "stepper", **how).program()
+    values.write_text("31 two\n")
+    with pytest.raises(InputError, match=r"linuxcnc\.var:1: not a parameter; expected its number and its value"):
+        assert ph.compensate(file, "stepper", **how).program()
