@@ -7,7 +7,7 @@ from typing import Final
 MOST_LINES: Final = 1_000_000
 """Lines that a program may run, and lines that may come of it."""
 
-MOST_SILENT: Final = 200_000
+MOST_SILENT: Final = 100_000
 """Lines that a program may run one after the other without one that does anything."""
 
 MOST_CALLS: Final = 10
