@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 from ph_post.compensate import plan_warnings
 from ph_post.compensate.choose import smooth_offsets
+from ph_post.compensate.lead import lead_window
 from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.prove import (
@@ -145,7 +146,7 @@ class _Race:
         many = tuple(one for one in usual if one.beta == one.gain == 1.0)
         runners = [self._measured(one, few) for one in runners]
         long = checker.before.position.size > LONG
-        if self.planner.lead and not self._leads(runners, few) and (self._shifts() or not long):
+        if self._lead_matters() and not self._leads(runners, few) and (self._shifts() or not long):
             planner = self.planner.with_options(replace(self.planner.options, inverse_dynamics=False))
             runners += [self._measured(one, few) for one in self._start(planner, self._without_lead(planner.task))]
         ranked = self._ranked(runners, few)
@@ -184,6 +185,11 @@ class _Race:
         """Return whether any axis may get a lasting offset."""
         axes = [self.planner.machine.axes[name] for name in self.planner.analysis.path.axes]
         return any(not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0 for axis in axes)
+
+    def _lead_matters(self) -> bool:
+        """Return whether plans without inverse dynamics are others: whether an axis lags, or friction is led."""
+        lags = lead_window(self.planner.machine, self.planner.analysis.path.axes) is not None
+        return self.planner.lead and (lags or self.result.friction_part > 0.0)
 
     def _leads(self, runners: Sequence[Runner], tried: Sequence[Scenario]) -> bool:
         """Return whether inverse dynamics alone does so much that nothing is tried without it."""

@@ -178,6 +178,8 @@ class _Survey:
         near = sorted(self.searched, key=lambda other: site.distance(self.sites[other]))
         near = [other for other in near if site.distance(self.sites[other]) < math.inf][:KNOWN]
         if not near:
+            # The first of its kind is known to the others of it.
+            self.searched.append(number)
             self.found[number] = site.search.explore(self.families[number], FEWEST)
             return
         known, closest = self.found[near[0]], self.sites[near[0]]

@@ -67,3 +67,11 @@ def test_runs_that_share_their_rest_have_the_sizes_of_whole_ones(path: str, mach
     shared = measure_sizes(command, plan.machine, nominal, tried)
     whole = for_each_scenario(command, plan.machine, nominal, tried, sizes_of)
     np.testing.assert_allclose([one[:3] for one in shared], [one[:3] for one in whole], rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize(("machine", "times"), [("stepper", 1), ("router", 2)])
+def test_nothing_is_tried_without_inverse_dynamics_where_no_axis_lags(machine: str, times: int) -> None:
+    said: list[str] = []
+    options = PlanOptions(strategy="auto", inverse_dynamics=True, effort=0.01)
+    make_plan(analysis_of("circle", machine), options, said.append)
+    assert said.count("racing plan 1") == times

@@ -19,6 +19,8 @@ from ph_post.compensate.search import DesignBounds, DesignSearch, TriedDesign
 from ph_post.compensate.shapes import single
 from ph_post.compensate.trial import Design, Surroundings, TrialResult
 from ph_post.drive.machinefile import read_machine
+from ph_post.files.path import read_path
+from ph_post.files.storage import or_shipped
 from ph_post.gcode.paths import paths_of
 from ph_post.gcode.read import read_program
 
@@ -199,3 +201,24 @@ def test_no_longer_stop_is_tried_than_any_machine_needs(
     make_plan(analysis, PlanOptions(strategy="takeup", carrier="program", max_slowdown=slowdown))
     assert max(budgets) == pytest.approx(most, rel=0.2)
     assert most == 1.0 or max(budgets) > 10.0 * min(budgets)
+
+
+@pytest.mark.parametrize("effort", [0.01, 0.1])
+def test_windows_in_which_other_axes_turn_back_are_searched_once_a_kind(
+    effort: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    analysis = analyse(read_path(or_shipped("paths", "butterfly")), read_machine("mill"), 5e-6)
+    kinds: list[tuple[str, ...]] = []
+
+    def nothing(search: DesignSearch, *_: Any) -> list[TriedDesign]:
+        kinds.append(tuple(axis.name for axis, _ in search.case.reversing))
+        return []
+
+    monkeypatch.setattr(DesignSearch, "explore", nothing)
+    monkeypatch.setattr(DesignSearch, "prolong", nothing)
+    make_plan(analysis, PlanOptions(strategy="takeup", carrier="program", effort=effort))
+    assert set(kinds) == {("X",), ("Y",)}
+    searched = len(kinds)
+    assert searched < len(analysis.windows)
+    # The first is tried in more time, too, as nothing was found.
+    assert effort > 0.01 or searched == 3
