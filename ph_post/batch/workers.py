@@ -11,6 +11,7 @@ import signal
 import tempfile
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -28,15 +29,16 @@ R = TypeVar("R")
 PATIENCE: Final = 10.0
 """How long a scheduler may take to answer [s]."""
 
-AHEAD: Final = 2
-"""Jobs that are handed out for each worker: one that it works on, and one that waits for it."""
+AHEAD: Final = 3
+"""Jobs that are handed out for each worker: one that it works on, one that it has, and one that waits for it."""
 
 SETTINGS: Final = {
     "logging": {"distributed": "critical"},
     "distributed.admin.tick.interval": "500ms",
     "distributed.admin.system-monitor.interval": "2s",
     "distributed.admin.large-graph-warning-threshold": "4GB",
-    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.scheduler.worker-saturation": 2.0,
+    "distributed.scheduler.allowed-failures": 1,
     "distributed.worker.profile.enabled": False,
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
@@ -155,38 +157,47 @@ class Workers:
         """
         from distributed import KilledWorker, as_completed
 
-        waiting = iter(jobs)
-        running: dict[Future[R], K] = {}
+        waiting, suspects, more = iter(jobs), deque[tuple[K, J]](), True
+        running: dict[Future[R], tuple[K, J]] = {}
         done = as_completed([], loop=self._client.loop)
         try:
-            more = True
-            while more or running:
+            while more or running or suspects:
                 workers = self.count
                 if not workers:
                     progress(f"waiting for a worker of {self._place}")
                 while more and len(running) < AHEAD * max(workers, 1):
-                    name, job = next(waiting, (None, None))
-                    if name is None or job is None:
-                        more = False
-                        break
-                    future = self._client.submit(function, job, pure=False)
-                    running[future] = name
-                    done.add(future)
+                    one = next(waiting, None)
+                    more = one is not None
+                    if one is not None:
+                        running[self._handed_out(function, one[1], done)] = one
+                alone = not running and bool(suspects)
+                if alone:
+                    one = suspects.popleft()
+                    running[self._handed_out(function, one[1], done)] = one
                 if not running:
-                    break
+                    continue
                 future = next(done)
-                name = running.pop(future)
+                one = running.pop(future)
                 try:
                     with self._refusals():
                         found: R | LostJobError = future.result()
-                except KilledWorker as error:
-                    died = getattr(error, "allowed_failures", 0) + 1
-                    found = LostJobError(f"{died} workers died of it; one with more memory may not")
-                future.release()
-                yield name, found
+                except KilledWorker:
+                    if not alone:  # it may be another's fault that waited beside it
+                        suspects.append(one)
+                        continue
+                    found = LostJobError("several workers died of it; one with more memory may not")
+                finally:
+                    future.release()
+                yield one[0], found
         finally:
             with contextlib.suppress(Exception):
                 self._client.cancel(list(running), force=True)
+
+    def _handed_out(self, function: Callable[[J], R], job: J, done: Any) -> Future[R]:
+        with self._refusals():
+            future = self._client.submit(function, job, pure=False)
+        done.add(future)
+        return future
 
     @contextlib.contextmanager
     def _refusals(self) -> Iterator[None]:
@@ -229,7 +240,7 @@ def open_workers(count: int, scheduler: str | None = None) -> Iterator[Workers]:
             yield Workers(client, scheduler)
         return
     import dask
-    from distributed import Client, LocalCluster
+    from distributed import Client, LocalCluster, system
 
     _silence()
     with contextlib.ExitStack() as stack:
@@ -241,6 +252,7 @@ def open_workers(count: int, scheduler: str | None = None) -> Iterator[Workers]:
                 threads_per_worker=1,
                 processes=True,
                 dashboard_address=None,
+                memory_limit=system.MEMORY_LIMIT // count,
                 local_directory=folder,
                 silence_logs=logging.CRITICAL,
             )

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from distributed import system
 
 from ph_post.batch import workers as module
 from ph_post.batch.workers import LostJobError, WorkersError, open_workers
@@ -198,13 +199,22 @@ def test_a_scheduler_that_is_not_there_is_one_line(tmp_path, capsys, monkeypatch
 
 @pytest.mark.slow
 def test_a_job_that_ends_its_worker_is_given_up_and_the_others_are_not():
-    jobs = [("deadly", 1)]
+    jobs = [("deadly", "__import__('os')._exit(1)"), *((number, f"{number} + 1") for number in range(8))]
     with open_workers(1) as workers:
-        found = dict(workers.run(os._exit, jobs))
-        assert isinstance(found["deadly"], LostJobError)
-        assert dict(workers.run(abs, [(number, -number) for number in range(20)])) == {n: n for n in range(20)}
+        found = dict(workers.run(eval, jobs))
+        assert isinstance(found.pop("deadly"), LostJobError)
+        assert found == {number: number + 1 for number in range(8)}
         with pytest.raises(WorkersError, match="same ph-post everywhere"):
             list(workers.run(_raises, [("one", 1)]))
+
+
+@pytest.mark.slow
+def test_a_job_that_takes_more_memory_than_its_share_is_given_up(monkeypatch):
+    monkeypatch.setattr(system, "MEMORY_LIMIT", 600_000_000)
+    with open_workers(1) as workers:
+        found = dict(workers.run(list, [("small", range(3)), ("large", range(300_000_000))]))
+    assert found["small"] == [0, 1, 2]
+    assert isinstance(found["large"], LostJobError)
 
 
 def _raises(_job):
