@@ -344,12 +344,11 @@ class _Run:
         return tuple(self._rows[name] for name in sorted(self._rows))
 
     def _write_table(self) -> None:
-        write_atomically({os.fspath(self._table): csv_text(self.sorted_rows(), head=True)})
+        _write(self._table, csv_text(self.sorted_rows(), head=True).encode())
 
     def _write_page(self) -> None:
-        page = self._plan.place / PAGE
         missing = len(self._plan.tasks) - len(self._rows)
-        write_atomically({os.fspath(page): batch_page(self.sorted_rows(), missing)})
+        _write(self._plan.place / PAGE, batch_page(self.sorted_rows(), missing).encode())
 
     def finish(self) -> None:
         """Write the whole report, also where the run was stopped."""
@@ -358,8 +357,8 @@ class _Run:
         self._write_table()
         self._write_page()
         if find_spec("pyarrow") is not None:
-            file = os.fspath(self._plan.place / PARQUET)
-            write_atomically({file: parquet_content(self.sorted_rows(), file)})
+            file = self._plan.place / PARQUET
+            _write(file, parquet_content(self.sorted_rows(), os.fspath(file)))
         else:  # what an earlier run wrote there is not true any more
             with contextlib.suppress(OSError):
                 (self._plan.place / PARQUET).unlink(missing_ok=True)
@@ -413,6 +412,12 @@ def _bytes(file: Path) -> bytes | None:
         return file.read_bytes()
     except OSError:
         return None
+
+
+def _write(file: Path, data: bytes) -> None:
+    """Write a file of the report, unless it is there as it should be: where nothing is done, nothing changes."""
+    if _bytes(file) != data:
+        write_atomically({os.fspath(file): data})
 
 
 def _hash(data: bytes) -> str:
