@@ -17,10 +17,10 @@ from scipy.optimize import least_squares
 
 from ph_post.diagnose.hypotheses.base import Hypothesis, HypothesisNumber, Numbers
 from ph_post.drive.plant import Plant
+from ph_post.identify.errors import block_covariance, blocks_of, samples_as_one
 from ph_post.identify.free_run import (
     PRIOR,
     AxisProblem,
-    correlation_inflation,
     mean_square,
     residuals,
     weighted_residuals,
@@ -276,8 +276,13 @@ def fit_briefly(
 
 
 def covariance(problem: AxisProblem, fitted: FittedModel, use: BoolArray) -> Array:
-    """Return the covariance of the unknowns (k, k), from as many samples as are independent."""
-    worth = correlation_inflation(problem, fitted.left, use)
-    jacobian = fitted.jacobian.copy()
-    jacobian[: jacobian.shape[0] - len(fitted.model.free)] /= np.sqrt(worth)
-    return np.asarray(np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14))
+    """Return the covariance of the unknowns (k, k), of residuals that go together within blocks of time."""
+    left = weighted_residuals(problem, fitted.left, weights_of(problem, fitted.left, use), use)
+    priors = fitted.jacobian.shape[0] - len(fitted.model.free)
+    return block_covariance(
+        fitted.jacobian[:priors],
+        left,
+        blocks_of(problem, use),
+        fitted.jacobian[priors:],
+        samples_as_one(problem, fitted.left, use),
+    )

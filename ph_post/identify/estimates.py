@@ -20,6 +20,7 @@ from ph_post.drive.plant import Plant
 from ph_post.files.check import counted
 from ph_post.identify.direct_readings import CoastDown, effort_gain, pooled_rate
 from ph_post.identify.drive_fit import BacklashVerdict, DriveFit, position_rms
+from ph_post.identify.errors import block_covariance, blocks_of, samples_as_one
 from ph_post.identify.free_run import AxisProblem, residuals, weighted_residuals, weights_of
 from ph_post.types import Array, Axis, AxisLog, Uncertainty
 from ph_post.types.diagnosis import PRODUCT, Estimate, IdentifiedDrive, Origin, Sensitivity
@@ -77,8 +78,13 @@ class AssessedFit(NamedTuple):
 
 def whitened_sensitivities(fit: DriveFit) -> Array:
     """Return the whitened sensitivities by the logarithms of the numbers, (rows, names)."""
+    return np.asarray(_sensitivities(fit) / math.sqrt(fit.worth))
+
+
+def _sensitivities(fit: DriveFit) -> Array:
+    """Return the sensitivities of the weighted residuals by the logarithms of the numbers, (rows, names)."""
     sizes = [fit.plant.gap / MICROMETRE if name == "gap" else 1.0 for name in fit.names]
-    return np.asarray(fit.jacobian * np.array(sizes) / math.sqrt(fit.worth))
+    return np.asarray(fit.jacobian * np.array(sizes))
 
 
 def relative_errors(fit: DriveFit, names: Sequence[str]) -> dict[str, float]:
@@ -104,8 +110,17 @@ def log_covariance_with_priors(fit: DriveFit, priors: Mapping[str, float]) -> Ar
     priors : mapping
         Relative standard errors of what is held, by name.
     """
-    rows = [np.eye(len(fit.names))[fit.names.index(name)] / error for name, error in priors.items()]
-    return log_covariance(np.vstack([whitened_sensitivities(fit), *rows]))
+    problem = fit.problem
+    each = np.eye(len(fit.names))
+    rows = [each[fit.names.index(name)] / error for name, error in priors.items()]
+    left = weighted_residuals(problem, fit.left, weights_of(problem, fit.left, problem.fit), problem.fit)
+    return block_covariance(
+        _sensitivities(fit),
+        left,
+        blocks_of(problem, problem.fit),
+        np.stack(rows) if rows else None,
+        samples_as_one(problem, fit.left, problem.fit),
+    )
 
 
 def sensitivity_of(fit: DriveFit) -> Sensitivity:
