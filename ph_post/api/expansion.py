@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -11,8 +10,8 @@ from ph_post.api.options import CompensateOptions
 from ph_post.dialects.declaration import read_declaration
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
-from ph_post.expand.expand import ExpandError, Expansion, Folders, expand
-from ph_post.expand.writing import is_written_out, read_written
+from ph_post.expand.expand import ExpandError, Expansion, Folders, expand, expand_fanuc
+from ph_post.expand.writing import Written, is_written_out, read_written
 from ph_post.files.storage import SourceBytes, read_source
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
@@ -49,11 +48,14 @@ def expanded_job(
         return job, ()
     parameters = None if options.parameters is None else read_parameters(options.parameters)
     base = dialect.split("+", maxsplit=1)[0]
-    if base not in _SPOKEN:
+    if base not in (*_SPOKEN, "fanuc"):
         return job, (f"{job.name}: not written out: programs of {dialect} are taken as they are",)
     folders = Folders(_folders(job.name, options.subprograms))
     try:
-        found = expand(job.data, job.name, folders, parameters=parameters)
+        if base == "fanuc":
+            found = expand_fanuc(job.data, job.name, folders, decimals=4 if "isc" in dialect else 3)
+        else:
+            found = expand(job.data, job.name, folders, parameters=parameters)
     except ExpandError as error:
         where = f"{error.file or job.name}:{max(error.line, 1)}"
         if options.strict:
@@ -123,11 +125,14 @@ def written_out(original: PartProgram, compensated: PartProgram) -> PartProgram:
         kept = read_written(plain.data, plain.name)
         if kept is None or kept.original != original.data:
             return original
-        again = _again(original, kept.files, kept.parameters)
+        again = _again(original, kept)
     except (InputError, ExpandError):
         return original
     return reread(original, again) if again == plain.data else original
 
 
-def _again(original: PartProgram, files: Mapping[str, bytes], parameters: Mapping[int, float] | None) -> bytes:
-    return expand(original.data, original.name, Folders(known=files), parameters=parameters).data
+def _again(original: PartProgram, kept: Written) -> bytes:
+    folders = Folders(known=kept.files)
+    if kept.dialect.startswith("fanuc"):
+        return expand_fanuc(original.data, original.name, folders, decimals=int(kept.dialect.split()[1])).data
+    return expand(original.data, original.name, folders, parameters=kept.parameters).data

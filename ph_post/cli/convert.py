@@ -29,7 +29,8 @@ from ph_post.cli import options
 @click.option(
     "--expand",
     is_flag=True,
-    help="Write a program out first: parameters, loops, subprograms and cycles become plain motions. For LinuxCNC.",
+    help="Write a program out first: parameters, loops, subprograms and cycles become plain motions. For LinuxCNC; "
+    "subprograms and macros also for Fanuc.",
 )
 @click.option(
     "--subprograms",

@@ -10,6 +10,7 @@ from typing import Final
 
 import msgspec
 
+from ph_post.expand.fanuc import FanucRunner
 from ph_post.expand.faults import ExpandError
 from ph_post.expand.lines import Source
 from ph_post.expand.run import Runner
@@ -50,13 +51,15 @@ class Folders:
 
     def __init__(self, folders: tuple[Path, ...] = (), known: Mapping[str, bytes] | None = None) -> None:
         self._folders, self._known = folders, known
+        self.endings: tuple[str, ...] = (".ngc",)
         self.read: dict[str, bytes] = {}
         self._sources: dict[str, Source | None] = {}
 
     def find(self, label: str) -> Source | None:
         """Return the file of a subprogram, None where there is none."""
         if label not in self._sources:
-            self._sources[label] = self._look(f"{label}.ngc")
+            tried = (self._look(f"{label}{ending}") for ending in self.endings)
+            self._sources[label] = next((found for found in tried if found is not None), None)
         return self._sources[label]
 
     def _look(self, name: str) -> Source | None:
@@ -114,28 +117,68 @@ def expand(
     if is_written_out(data) or not computes(data):
         return Expansion(data=data)
     folders = folders or Folders()
-    end = b"\r\n" if b"\r\n" in data else b"\n"
-    source = Source(name, data.decode("latin-1"))
-    runner = Runner(source, folders.find, DECIMALS, parameters)
+    runner = Runner(Source(name, data.decode("latin-1")), folders.find, DECIMALS, parameters)
     lines = runner.run()
     if not runner.blocks.changed:
         return Expansion(data=data)
-    digest = hashlib.sha256(data).hexdigest()
-    at = 1 if lines and lines[0].lstrip().startswith("%") else 0
-    lines = [*lines[:at], head_line(digest), *lines[at:]]
-    text = b"".join(line.encode("latin-1") + end for line in lines)
-    written = Written(
-        original=data,
-        digest=hashlib.sha256(text).hexdigest(),
-        files=folders.read,
-        parameters=None if parameters is None else dict(parameters),
-    )
     assumed = sorted(runner.store.assumed)
     notes = list(runner.notes)
     if assumed and parameters is None:
         named = ", ".join(f"#{key}" for key in assumed[:8]) + (", …" if len(assumed) > 8 else "")
         notes.insert(0, f"taken to be 0, as nothing was put there before they were read: {named}")
-    return Expansion(data=with_original(text, written, end), notes=tuple(notes))
+    kept = None if parameters is None else dict(parameters)
+    written = Written(original=data, digest="", dialect="linuxcnc", files=folders.read, parameters=kept)
+    return Expansion(data=_joined(data, lines, written), notes=tuple(notes))
 
 
-__all__ = ["ExpandError", "Expansion", "Folders", "computes", "expand"]
+_MACRO: Final = re.compile(rb"#|\[|M[ \t]*0*98(?!\d)|G[ \t]*0*65(?![\d.])|GOTO", re.IGNORECASE)
+
+_FANUC_FILES: Final = ("", ".nc", ".NC", ".cnc", ".CNC", ".txt", ".TXT", ".tap", ".ngc")
+
+
+def expand_fanuc(data: bytes, name: str, folders: Folders | None = None, *, decimals: int = 3) -> Expansion:
+    r"""Write a Fanuc program out: M98 and M99, G65, and the statements of custom macro B.
+
+    Parameters
+    ----------
+    data, name, folders
+        As of :func:`expand`; what stands behind the end of the main program stays.
+    decimals : int
+        Decimals of a mm in the control's increments.
+
+    Raises
+    ------
+    ExpandError
+        Where that is not possible, with file and line.
+
+    Examples
+    --------
+    >>> found = expand_fanuc(b"O1\nG21 M98 P2 L2\nM30\nO2\n#1=#1+2.5\nG91 G1 X#1\nM99\n", "a.nc")
+    >>> found.data.split(b"\n")[2:7]
+    [b'G21', b'G91 G1 X2.5', b'G91 G1 X5.', b'M30', b'O2']
+    """
+    if is_written_out(data) or _MACRO.search(_COMMENT.sub(b"", data)) is None:
+        return Expansion(data=data)
+    folders = folders or Folders()
+    folders.endings = _FANUC_FILES
+    runner = FanucRunner(Source(name, data.decode("latin-1")), folders.find, decimals)
+    lines = runner.run()
+    if not runner.changed:
+        return Expansion(data=data)
+    written = Written(original=data, digest="", dialect=f"fanuc {decimals}", files=folders.read)
+    return Expansion(data=_joined(data, lines, written, upper=True))
+
+
+def _joined(data: bytes, lines: list[str], written: Written, *, upper: bool = False) -> bytes:
+    """Put lines together, with the comments that keep the original."""
+    end = b"\r\n" if b"\r\n" in data else b"\n"
+    at = 0
+    while at < len(lines) and (not lines[at].strip() or re.match(r"\s*(?:%|[Oo:]\s*\d+\s*(?:\(.*)?$)", lines[at])):
+        at += 1
+    head = head_line(hashlib.sha256(data).hexdigest(), upper=upper)
+    text = b"".join(line.encode("latin-1") + end for line in [*lines[:at], head, *lines[at:]])
+    digest = hashlib.sha256(text).hexdigest()
+    return with_original(text, msgspec.structs.replace(written, digest=digest), end, upper=upper)
+
+
+__all__ = ["ExpandError", "Expansion", "Folders", "computes", "expand", "expand_fanuc"]

@@ -9,13 +9,19 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from typing import Final
+from typing import ClassVar, Final
 
 from ph_post.expand.faults import ExpandError, NotExpandableError
 from ph_post.expand.values import Store
 
 Value = Callable[[Store], float]
 """A value of the parameters."""
+
+Levels = tuple[dict[str, Callable[[float, float], float]], ...]
+"""Operations by precedence, the loosest first."""
+
+Functions = dict[str, Callable[[float], float]]
+"""Functions by name."""
 
 EQUAL: Final = 1e-6
 
@@ -49,7 +55,7 @@ def _known(compare: Callable[[float, float], bool]) -> Callable[[float, float], 
     return decide
 
 
-_LEVELS: Final[tuple[dict[str, Callable[[float, float], float]], ...]] = (
+_LEVELS: Final[Levels] = (
     {
         "and": _known(lambda a, b: a != 0.0 and b != 0.0),
         "xor": _known(lambda a, b: (a != 0.0) != (b != 0.0)),
@@ -99,7 +105,7 @@ def _round(value: float) -> float:
     return float(math.trunc(value + (-0.5 if value < 0.0 else 0.5)))
 
 
-_FUNCTIONS: Final[dict[str, Callable[[float], float]]] = {
+_FUNCTIONS: Final[Functions] = {
     "abs": abs,
     "acos": _of_domain(_acos, -1.0, 1.0),
     "asin": _of_domain(_asin, -1.0, 1.0),
@@ -124,6 +130,9 @@ class Parser:
         Without blanks, in small letters.
     at : int
     """
+
+    levels: ClassVar[Levels] = _LEVELS
+    functions: ClassVar[Functions] = _FUNCTIONS
 
     def __init__(self, text: str, at: int = 0) -> None:
         self.text, self.at = text, at
@@ -189,7 +198,7 @@ class Parser:
     def _function(self, name: str) -> Value:
         for length in range(len(name), 1, -1):
             word = name[:length]
-            if word in _FUNCTIONS or word in ("atan", "exists"):
+            if word in self.functions or word in ("atan", "exists"):
                 self.at += length
                 break
         else:
@@ -198,7 +207,7 @@ class Parser:
             return self._exists()
         if word == "atan":
             return self._atan()
-        inner, function = self.expression(), _FUNCTIONS[word]
+        inner, function = self.expression(), self.functions[word]
 
         def apply(store: Store) -> float:
             value = inner(store)
@@ -235,15 +244,15 @@ class Parser:
         return found
 
     def _level(self, level: int) -> Value:
-        if level == len(_LEVELS):
+        if level == len(self.levels):
             return self.value()[0]
         left = self._level(level + 1)
         while True:
-            word = next((one for one in _LEVELS[level] if self.text.startswith(one, self.at)), "")
+            word = next((one for one in self.levels[level] if self.text.startswith(one, self.at)), "")
             if not word or (word == "*" and self.peek(2) == "**"):
                 return left
             self.at += len(word)
-            left = _joined(left, _LEVELS[level][word], self._level(level + 1))
+            left = _joined(left, self.levels[level][word], self._level(level + 1))
 
 
 def _joined(left: Value, operation: Callable[[float, float], float], right: Value) -> Value:

@@ -79,3 +79,16 @@ def test_a_file_of_parameters_is_read(file, tmp_path):
     values.write_text("31 two\n")
     with pytest.raises(InputError, match=r"linuxcnc\.var:1: not a parameter; expected its number and its value"):
         assert ph.compensate(file, "stepper", **how).program()
+
+
+def test_subprograms_and_macros_of_fanuc(file, tmp_path):
+    text = "%\nO0001\nG21 G17 G90 F600.\nG0 X0 Y0\n#1=0\nWHILE[#1LT3]DO1\nM98 P2\n#1=#1+1\nEND1\nM30\n"
+    file.write_text(text + "O0002\nG1 X[20.+#1]\nX0\nM99\n%\n")
+    result = ph.compensate(file, "stepper", dialect="fanuc", expand=True, max_slowdown=1.0)
+    assert result.expanded
+    assert result.reversals.compensated == result.reversals.all > 4
+    out = tmp_path / "out.nc"
+    result.write(out)
+    assert ph.undo(out) == file.read_bytes()
+    assert ph.verify(file, out, dialect="fanuc").ok
+    assert ph.compensate(out, "stepper", dialect="fanuc", expand=True, max_slowdown=1.0).program() == out.read_bytes()

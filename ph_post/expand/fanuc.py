@@ -1,0 +1,292 @@
+"""Run a Fanuc program, and write out what it does: M98 and M99, G65, and the statements of custom macro B."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Final
+
+import msgspec
+
+from ph_post.expand.expressions import is_true
+from ph_post.expand.faults import MOST_LINES, MOST_SILENT, ExpandError, NotExpandableError
+from ph_post.expand.lines import Source
+from ph_post.expand.macro import (
+    ARGUMENTS,
+    COMMENT,
+    MacroLine,
+    MacroStore,
+    argument,
+    new_frame,
+    read_macro_line,
+    word_text,
+)
+from ph_post.expand.run import Find
+
+_MOST_CALLS: Final = 10
+_MODAL_CALL: Final = ("66", "66.1")
+
+
+class MacroCall(msgspec.Struct, kw_only=True):
+    """A program that runs: its file, its first line and the one behind its last, and the line that is next."""
+
+    source: Source
+    first: int
+    last: int
+    at: int
+    again: int = 0
+    heads: dict[int, object] = {}
+
+
+class FanucRunner:
+    """Runs a Fanuc program.
+
+    Parameters
+    ----------
+    source : Source
+        The main program, with its subprograms behind it.
+    find : callable
+        Finds files of subprograms.
+    decimals : int
+        Of lengths that are written.
+    """
+
+    def __init__(self, source: Source, find: Find, decimals: int) -> None:
+        self.store = MacroStore()
+        self._find, self._decimals, self._main = find, decimals, source
+        self._read: dict[tuple[str, int], MacroLine] = {}
+        self._more = 1
+        """One more decimal in inches, and where nobody says that lengths are in mm."""
+        self.lines: list[str] = []
+        self.changed = False
+        first = next((k for k in range(len(source.texts)) if self._line(source, k).program >= 0), 0)
+        self.calls = [MacroCall(source=source, first=first, last=self._end(source, first), at=0)]
+
+    def _line(self, source: Source, index: int) -> MacroLine:
+        key = (source.name, index)
+        if key not in self._read:
+            self._read[key] = read_macro_line(source.texts[index])
+        return self._read[key]
+
+    def _end(self, source: Source, first: int) -> int:
+        """Return the line behind the last of a program."""
+        for index in range(first + 1, len(source.texts)):
+            if self._line(source, index).program >= 0:
+                return index
+        return len(source.texts)
+
+    def run(self) -> list[str]:
+        """Return the lines that the program comes to.
+
+        Raises
+        ------
+        ExpandError
+            Where it cannot be written out, with its file and line.
+        """
+        count, last, had = 0, 0, 0
+        while True:
+            call = self.calls[-1]
+            if call.at >= call.last:
+                if len(self.calls) > 1:
+                    raise ExpandError("a subprogram without M99").at(call.source.name, call.last)
+                return self.lines + self._main.texts[call.last :]
+            number = call.at + 1
+            count += 1
+            if len(self.lines) != had:
+                had, last = len(self.lines), count
+            try:
+                if count > MOST_LINES or count - last > MOST_SILENT:
+                    raise ExpandError("the program runs on without an end: more lines than could be meant")
+                if self._step(call):
+                    return self.lines + self._main.texts[self.calls[0].at :]
+            except ExpandError as error:
+                raise error.at(call.source.name, number) from None
+            except OverflowError:
+                raise ExpandError("the number is beyond all bounds").at(call.source.name, number) from None
+
+    def _step(self, call: MacroCall) -> bool:
+        line = self._line(call.source, call.at)
+        call.at += 1
+        if line.fault is not None:
+            raise line.fault
+        if line.program >= 0:
+            if len(self.calls) == 1:
+                self.lines.append(line.text)
+            return False
+        orders = {round(float(number)) for letter, number in line.plain if letter == "m" and number}
+        codes = {number.lstrip("0") for letter, number in line.plain if letter == "g"}
+        if codes & {"20", "21"}:
+            self._more = 0 if "21" in codes else 1
+        if line.optional and (line.order or orders & {98, 99} or "65" in codes):
+            raise NotExpandableError("a line with a slash runs or not as the control's switch says")
+        if codes & set(_MODAL_CALL):
+            raise NotExpandableError("a macro that is called by every motion: G66")
+        if line.order:
+            self.changed = True
+            self._obey(call, line)
+            return False
+        if orders & {98, 99} or "65" in codes:
+            self.changed = True
+            self._call(call, line, orders)
+            return False
+        self._write(line)
+        return bool(orders & {2, 30})
+
+    def _write(self, line: MacroLine, without: str = "") -> None:
+        if not line.computed and not without:
+            self.lines.append(line.text)
+            return
+        self.changed = True
+        texts = []
+        for part in line.parts:
+            if isinstance(part, str):
+                letter = next((one for one in part if one.isalpha()), "")
+                if letter not in without or (letter in "gm" and not _is_call(part)):
+                    texts.append(part.upper())
+                continue
+            letters, value = part
+            if letters[-1] in without:
+                continue
+            number = value(self.store)
+            if math.isnan(number):
+                self.store.require(number, letters.upper())
+            if letters[-1] == "m" and round(number) in (2, 30, 98, 99):
+                raise NotExpandableError(f"an order of the program's flow that is computed: M{number:g}")
+            text = word_text(letters, number, self._decimals + self._more)
+            texts += [text] if text else []
+        texts += COMMENT.findall(line.text)
+        if texts:
+            self.lines.append(("/" if line.optional else "") + " ".join(texts))
+
+    # ------------------------------------------------------------------ statements
+
+    def _obey(self, call: MacroCall, line: MacroLine) -> None:
+        if line.order == "end":
+            call.at = self._begin(call, call.at - 1, line.number)
+            return
+        holds = True
+        if line.condition is not None:
+            holds = is_true(line.condition(self.store), self.store)
+        if line.order == "while":
+            self._check_progress(call, call.at - 1)
+            if not holds:
+                call.heads.pop(call.at - 1, None)
+                call.at = self._behind(call, call.at, line.number)
+        elif not holds:
+            return
+        elif line.order == "goto":
+            assert line.value is not None
+            target = self.store.require(line.value(self.store), "the target of GOTO")
+            self._jump(call, round(target))
+        else:
+            assert line.value is not None
+            assert line.index is not None
+            key = self.store.index_of(line.index(self.store))
+            self.store.put(key, line.value(self.store))
+
+    def _begin(self, call: MacroCall, at: int, number: int) -> int:
+        """Return the line of the WHILE to an END."""
+        for index in range(at - 1, call.first - 1, -1):
+            line = self._line(call.source, index)
+            if line.order in ("while", "end") and line.number == number:
+                if line.order == "while":
+                    return index
+                break
+        raise ExpandError(f"END{number} without its WHILE")
+
+    def _behind(self, call: MacroCall, at: int, number: int) -> int:
+        for index in range(at, call.last):
+            line = self._line(call.source, index)
+            if line.order == "end" and line.number == number:
+                return index + 1
+        raise ExpandError(f"WHILE without its END{number}")
+
+    def _jump(self, call: MacroCall, label: int) -> None:
+        """Go on at a sequence number, searched forwards and then from the program's beginning."""
+        self._check_progress(call, call.at - 1)
+        order = [*range(call.at, call.last), *range(call.first, call.at)]
+        found = next((index for index in order if self._line(call.source, index).label == label), None)
+        if found is None:
+            raise ExpandError("there is no such sequence number", got=f"N{label}")
+        call.at = found
+
+    def _check_progress(self, call: MacroCall, at: int) -> None:
+        if call.heads.get(at) == self.store.version:
+            raise ExpandError("the loop never ends: nothing changes from one turn to the next")
+        call.heads[at] = self.store.version
+
+    # ------------------------------------------------------------------ calls
+
+    def _call(self, call: MacroCall, line: MacroLine, orders: set[int]) -> None:
+        if 99 in orders:
+            self._return(call, line)
+            return
+        words = {letter: number for letter, number in line.plain if number}
+        computed = {part[0][-1]: part[1] for part in line.parts if not isinstance(part, str)}
+        values = {letter: self.store.require(value(self.store), letter.upper()) for letter, value in computed.items()}
+        macro = 98 not in orders
+        label, times = self._number(words, values)
+        if not macro:
+            self._write(line, without="mpl")
+        frame = None
+        if macro:
+            if times > 1:
+                raise NotExpandableError("G65 with repeats: the values of the second turn are not told")
+            arguments = {ARGUMENTS[key]: argument(key, text) for key, text in words.items() if key in ARGUMENTS}
+            arguments |= {ARGUMENTS[key]: value for key, value in values.items() if key in ARGUMENTS}
+            arguments.pop(ARGUMENTS["m"], None) if "m" not in words else None
+            letters = [letter for letter, _ in line.plain if letter in "ijk"]
+            if len(set(letters)) < len(letters):
+                raise NotExpandableError("G65 with I, J or K twice")
+            frame = new_frame(arguments)
+        if times < 1:
+            return
+        if len(self.calls) > _MOST_CALLS:
+            raise ExpandError(f"subprograms call each other more than {_MOST_CALLS} deep")
+        source, first = self._target(label)
+        made = MacroCall(source=source, first=first, last=self._end(source, first), at=first + 1, again=times - 1)
+        self.calls.append(made)
+        self.store.frames.append(self.store.frame if frame is None else frame)
+        self.store.version += 1
+
+    def _number(self, words: dict[str, str], values: dict[str, float]) -> tuple[int, int]:
+        """Return the number of a subprogram, and how often it runs."""
+        if "p" not in words and "p" not in values:
+            raise ExpandError("a call without P")
+        whole = round(float(words["p"])) if "p" in words else round(values["p"])
+        times = round(float(words["l"])) if "l" in words else round(values.get("l", 1.0))
+        if len(words.get("p", "")) > 4 and "l" not in words:  # the four digits behind are the program
+            times, whole = whole // 10000, whole % 10000
+        return whole, times
+
+    def _target(self, label: int) -> tuple[Source, int]:
+        for index in range(len(self._main.texts)):
+            if self._line(self._main, index).program == label:
+                return self._main, index
+        for name in (f"O{label:04d}", f"o{label:04d}", f"{label:04d}", str(label)):
+            source = self._find(name)
+            if source is not None:
+                found = (k for k in range(len(source.texts)) if self._line(source, k).program == label)
+                return source, next(found, -1)
+        expected = f"O{label:04d} in the program or in a file of that name"
+        raise ExpandError("the subprogram is not there", expected=expected)
+
+    def _return(self, call: MacroCall, line: MacroLine) -> None:
+        if len(self.calls) == 1:
+            raise ExpandError("M99 in the main program: it never ends")
+        target = next((number for letter, number in line.plain if letter == "p" and number), "")
+        self._write(line, without="mp")
+        if call.again > 0:
+            call.again -= 1
+            call.at = max(call.first + 1, 0)
+            call.heads.clear()
+            return
+        self.calls.pop()
+        self.store.frames.pop()
+        self.store.version += 1
+        if target:
+            self._jump(self.calls[-1], round(float(target)))
+
+
+def _is_call(part: str) -> bool:
+    return re.fullmatch(r"m0*9[89]|g0*65", part) is not None

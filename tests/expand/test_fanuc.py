@@ -1,0 +1,136 @@
+"""Fanuc programs that are written out, beside the same ones in LinuxCNC's language and its interpreter."""
+
+import pytest
+from support.canon import needs_rs274
+from support.interpreted import difference, interpret
+
+from ph_post.api.expansion import before_expansion
+from ph_post.expand.expand import ExpandError, Folders, expand_fanuc
+
+HEAD = "G21 G17 G90 G40 G94 F600.\n"
+TWINS = {
+    "a bolt circle": (
+        "#101=6\n#102=25.\n#1=0\nWHILE[#1LT#101]DO1\n#2=#1*360/#101\n"
+        "G0 X[#102*COS[#2]] Y[#102*SIN[#2]]\n#1=#1+1\nEND1\n",
+        "#101=6\n#102=25.\n#1=0\no1 while [#1 LT #101]\n#2=[#1*360/#101]\n"
+        "G0 X[#102*COS[#2]] Y[#102*SIN[#2]]\n#1=[#1+1]\no1 endwhile\n",
+    ),
+    "jumps": (
+        "#1=3\nN10 G1 X#1 Y-#1\n#1=#1-1\nIF[#1 GT 0]GOTO 10\nIF[#1EQ0]THEN#2=7.5\nGOTO20\nX99.\nN20 Y#2\n",
+        "o1 repeat [3]\n#1=[3-#9]\nG1 X#1 Y-#1\n#9=[#9+1]\no1 endrepeat\nY7.5\n",
+    ),
+    "functions": (
+        "#1=ATAN[1.]/[-1.]\n#2=SQRT[2.]+ABS[-3.]*2\n#3=FIX[-2.7]+FUP[-2.2]\n#4=17MOD5\n#5=ROUND[2.5]+[6AND3]\n"
+        "G1 X#1 Y#2\nX#3 Y#4\nX#5 Y[ASIN[.5]-ACOS[.5]]\nX[LN[EXP[2.]]] Y[TAN[45.]]\n",
+        "#1=[ATAN[1]/[-1]]\n#2=[SQRT[2]+ABS[-3]*2]\nG1 X#1 Y#2\nX-5 Y2\nX5 Y[ASIN[.5]-ACOS[.5]]\n"
+        "X[LN[EXP[2]]] Y[TAN[45]]\n",
+    ),
+    "a macro with values": (
+        "G65 P9010 A10. B-2.5\nG65 P9010 A[1.+1.]\nM30\nO9010\n#1=#1+1.\nG1 X#1 Y#2\nIF[#2EQ#0]GOTO5\nY0.\nN5 M99\n",
+        "G1 X11 Y-2.5\nY0\nG1 X3\n",
+    ),
+    "an empty variable is no word": ("G1 X1. Y2.\nG1 X#1 Y5. Z-#2\nX3. Y[#1+4.]\n", "G1 X1 Y2\nY5\nX3 Y4\n"),
+    "locals are those of the call": (
+        "#1=5.\nM98 P100\nG1 X#1\nG65 P200 A1.\nX#1\nM30\nO100\n#1=#1*2\nM99\nO200\n#1=77.\nM99\n",
+        "G1 X10\nX10\n",
+    ),
+    "loops within loops": (
+        "#1=0\nWHILE[#1LT3]DO1\n#2=0\nWHILE[#2LE#1]DO2\nG91 G1 X[#1+1] Y[#2*.5]\n#2=#2+1\nEND2\n#1=#1+1\nEND1\nG90\n",
+        "".join(f"G91 G1 X{i + 1} Y{j * 0.5}\n" for i in range(3) for j in range(i + 1)) + "G90\n",
+    ),
+}
+
+
+def written(text, **how):
+    return expand_fanuc(text.encode(), "a.nc", **how).data
+
+
+def lines_of(text, **how):
+    return [line for line in written(text, **how).decode().splitlines() if "PH-POST-EXPAND" not in line]
+
+
+@needs_rs274
+@pytest.mark.parametrize("name", TWINS)
+def test_what_a_program_comes_to_is_what_its_twin_does(name):
+    fanuc, twin = TWINS[name]
+    end = "" if "M30" in fanuc else "M30\n"
+    # Digits that the control's increment of 0.1 µm does not have are left out in both.
+    data = written(f"%\nO0001 (MAIN)\n{HEAD}{fanuc}{end}%\n", decimals=9)
+    found, meant = interpret(data), interpret(f"{HEAD}{twin}M30\n".encode())
+    assert (found.refusal, meant.refusal) == ("", "")
+    assert difference(meant, found) == ""
+
+
+@needs_rs274
+def test_subprograms_come_to_what_linuxcnc_makes_of_them():
+    text = f"O1\n{HEAD}G0 X0 Y0\nM98 P100 L3\nM98 P200\nG1 X9.\nM30\n"
+    text += "O100\nG91 G1 X1.\nM98 P200\nG90\nM99\nO200\nG1 Y1.\nY0.\nM99\n"
+    before, after = interpret(text.encode()), interpret(written(text))
+    assert before.refusal == after.refusal == ""
+    assert difference(before, after) == ""
+
+
+def test_the_number_of_repeats_may_stand_before_the_program():
+    assert lines_of("O1\nM98 P30002\nM30\nO2\nG91 X1.\nM99\n")[1:5] == ["G91 X1.", "G91 X1.", "G91 X1.", "M30"]
+
+
+def test_increments_comments_and_what_stands_behind_stay():
+    text = "%\nO1(A)\nN1 G21 X100 (AS IT IS)\n#1=2.\nX#1 Y100 (HALF)\nM98P5\nM30\nO5\n(SUB)\nG0 Z5. M99\n%\n"
+    assert lines_of(text) == [
+        *("%", "O1(A)", "N1 G21 X100 (AS IT IS)", "X2. Y100 (HALF)", "(SUB)", "G0 Z5."),
+        *("M30", "O5", "(SUB)", "G0 Z5. M99", "%"),
+    ]
+    assert before_expansion(written(text), "a.nc") == text.encode()
+    assert written(written(text).decode()) == written(text)
+
+
+def test_numbers_have_the_digits_of_the_control():
+    assert lines_of("O1\nG21\n#1=10./3\nX#1 F[#1*10] M#2 S[100*3]\nG20 X#1\nM30\n")[2:4] == [
+        "X3.333 F33.33333 S300",
+        "G20 X3.3333",
+    ]
+
+
+def test_subprograms_in_files(tmp_path):
+    (tmp_path / "O0007.nc").write_text("%\nO0007\nG1 X#1\nM99\n%\n")
+    assert lines_of("O1\nG21\n#1=4.\nM98 P7\nM30\n", folders=Folders((tmp_path,)))[2:4] == ["G1 X4.", "M30"]
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "what"),
+    [
+        ("N1 #1=1\nGOTO1\n", 3, "never ends"),
+        ("G65 P1 A1. L2\n", 2, "repeats"),
+        ("#1=0\nWHILE[#1LT1]DO1\nX1.\nEND1\n", 3, "never ends"),
+        ("M98 P5\n", 2, "not there"),
+        ("M98\n", 2, "without P"),
+        ("M98 P1\n", 2, "deep"),
+        ("#1=1/0\n", 2, "division by zero"),
+        ("#1=5MOD0\n", 2, "division by zero"),
+        ("GOTO 99\n", 2, "no such sequence number"),
+        ("#1=1\nEND1\n", 3, "without its WHILE"),
+        ("WHILE[0GT1]DO1\n", 2, "without its END1"),
+        ("WHILE[1]\n", 2, "not whole"),
+        ("#50=1\n", 2, "no such variable"),
+        ("#0=1\n", 2, "always empty"),
+        ("#1000=1\n", 2, "belongs to the control"),
+        ("X#500\n", 2, "only the machine knows: #500"),
+        ("IF[#5021GT0]GOTO1\n", 2, "only the machine knows: #5021"),
+        ("#1=1.\nIF[#1EQ1.0000001]GOTO1\n", 3, "but for rounding"),
+        ("X[ROUND[1.5]]\n", 2, "ROUND in a word"),
+        ("G65 P1 A100\n", 2, "without a decimal point"),
+        ("G66 P1\n#1=1\n", 2, "G66"),
+        ("#1=1.5\nS#1\n", 3, "whole number"),
+        ("/#1=1\n", 2, "slash"),
+        ("#1=1\nM99\n", 3, "never ends"),
+        ("#1=98\nM#1 P1\n", 3, "computed"),
+        ("#1=[2\n", 2, "not whole"),
+    ],
+)
+def test_what_cannot_be_written_out_is_named_with_its_line(text, line, what):
+    with pytest.raises(ExpandError) as found:
+        written(f"O1\n{text}M30\n")
+    assert what in found.value.what
+    assert found.value.file == "a.nc"
+    if what != "deep" and "without an end" not in what:
+        assert found.value.line == line
