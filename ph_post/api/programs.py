@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Final
@@ -29,7 +30,7 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan_warnings import doubtful_values
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.dialects.base import Dialect
-from ph_post.dialects.declaration import Declaration, read_declaration
+from ph_post.dialects.declaration import Declaration, line_origins, read_declaration
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.changes import Change
@@ -57,6 +58,8 @@ from ph_post.version import package_version
 
 SHOWN: Final = 3
 """Failures that the error names where a program does not pass its check."""
+
+_LINE: Final = re.compile(r":(\d+)(?::\d+)?$")
 
 NOTED: Final = 20
 """Warnings that the head of a program holds, where it is to hold them."""
@@ -202,11 +205,13 @@ def compensate_program(
         data = apply_edits(original, edits, dialect, declaration)
         progress("verifying")
         after = reread(original, data)
-        verdict = verify(original, after, tolerance=request.edit.tolerance, machine=machine)
-        if not verdict.ok:
-            failed = with_neighbours(_failed_sections(original, after, verdict), options.left, count) - options.left
-            if not failed:
+        verdict, refused = _verified(original, after, request, machine)
+        if verdict is None or not verdict.ok:
+            sections = refused if verdict is None else _failed_sections(original, after, verdict)
+            failed = with_neighbours(sections, options.left, count) - options.left
+            if not failed and verdict is not None:
                 raise _refusal(original.name, verdict)
+            failed = failed or frozenset(range(count)) - options.left
             # What does not pass the check is left as it is.
             options = replace(options, left=options.left | failed)
             said = (f"not compensated in {section_words(original, options.left)}: a change would not pass the check",)
@@ -232,6 +237,21 @@ def compensate_program(
             said = (f"not compensated in {section_words(original, options.left)}: the part would be no better",)
     edits = replace(edits, warnings=(*edits.warnings, *said)) if edits.empty else _nothing_gained(original, edits)
     return CompensatedProgram(before=original, after=original, edits=edits, windows=planner.windows)
+
+
+def _verified(
+    original: PartProgram, after: PartProgram, request: ProgramRequest, machine: Machine
+) -> tuple[Verdict | None, frozenset[int]]:
+    """Check a program; None where a controller would refuse one of its lines, with the section of that line."""
+    try:
+        return verify(original, after, tolerance=request.edit.tolerance, machine=machine), frozenset()
+    except InputError as error:
+        place, origins = _LINE.search(error.where), line_origins(after, original)
+        if place is None or origins is None or not 0 < int(place[1]) <= after.blocks:
+            raise
+        low, _ = section_spans(original.motions)
+        motions = np.searchsorted(original.motions.block, np.int32(origins.first[int(place[1]) - 1]))
+        return None, frozenset({max(int(np.searchsorted(low, motions, side="right")) - 1, 0)})
 
 
 class _LeadWork:

@@ -103,7 +103,7 @@ def read_translated(
         digest=hashlib.sha256(data).hexdigest(),
         lines=lines,
         words=_placed(found, data, lines, texts, in_place) if words is None else words,
-        notes=_notes(found, [_shown(note, data, lines) for note in found.notes], remarks),
+        notes=_notes(found, [_shown(note, data, lines) for note in found.notes], remarks, texts),
     )
 
 
@@ -140,7 +140,9 @@ def _placed(found: PartProgram, data: bytes, lines: PlaceArray, texts: Sequence[
     return WordTable(**{column: sealed(getattr(own, column)) for column in WordTable.__struct_fields__})
 
 
-def _notes(found: PartProgram, shown: Sequence[Note], remarks: Mapping[int, Remark]) -> tuple[Note, ...]:
+def _notes(
+    found: PartProgram, shown: Sequence[Note], remarks: Mapping[int, Remark], texts: Sequence[bytes]
+) -> tuple[Note, ...]:
     """Put in order the translation's notes on other lines, and a note for each stretch of one remark."""
     end = found.breaks[-1].block
     own: list[Note] = []
@@ -150,7 +152,12 @@ def _notes(found: PartProgram, shown: Sequence[Note], remarks: Mapping[int, Rema
             own[-1] = replace(own[-1], last=number)
         else:
             own.append(Note(first=number, last=number, column=remark.column, what=remark.what))
-    others = [piece for note in shown for piece in _without(note, remarks)]
+    others = [
+        piece
+        for note in shown
+        for piece in _without(note, remarks)
+        if piece == note or any(texts[line].strip() for line in range(piece.first, piece.last + 1))
+    ]
     return tuple(sorted([*own, *others], key=lambda note: note.first))
 
 

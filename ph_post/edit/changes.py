@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import msgspec
 import numpy as np
@@ -19,7 +19,7 @@ from ph_post.edit.preconditions import why_kept_whole
 from ph_post.edit.word_shifts import MotionOffsets, stop_label
 from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import part_length
-from ph_post.gcode.program import ARC, AXES, RAPID, Modal, PartProgram, Spelling
+from ph_post.gcode.program import AXES, RAPID, Modal, PartProgram, Spelling
 from ph_post.types import IntArray
 from ph_post.units import MINUTE, MM
 
@@ -97,7 +97,7 @@ class ChangeWriter:
         self._feed: str | None = None
         self._path: str | None = None
         self._stale = False
-        self._poles = sorted(program.poles)
+        self._poles, self._users = sorted(program.poles), sorted(program.centre_users)
 
     def write(self, tasks: list[MotionEdit]) -> Iterator[Change]:
         """Write the changes of all tasks, which come in the order of travel."""
@@ -310,6 +310,41 @@ class ChangeWriter:
             body = [text for text in body if text[0] not in "IJK"] + [radius]
         return body, "G1" if straight else words.mode
 
+    def centres(self, changes: Sequence[Change]) -> Iterator[Change]:
+        """Write the centre anew before each line that turns about one with another shift than it has there.
+
+        `changes` are all others. A line that is passed through turns about the centre without a shift.
+        """
+        program, spelling = self._program, self._program.language.spelling
+        if spelling is None or not program.centre_users:
+            return
+        ordered = sorted(changes, key=lambda one: one.block)
+        replaced = {line for one in ordered for line in range(one.block, one.block + one.removed)}
+        setting = [one.block + one.removed for one in ordered if any(_CENTRE.match(line) for line in one.lines)]
+        motion_of = {int(block): motion for motion, block in enumerate(program.motions.block.tolist())}
+        at: dict[int, tuple[int, IntArray]] = {}
+        owners, nothing = program.centre_lines, np.zeros(3, dtype=np.int64)
+        for line in sorted(program.centre_users):
+            pole, arc = program.centre_users[line]
+            wanted = self._carried.word[motion_of[line]].astype(np.int64) if arc else nothing
+            before, now = at.get(pole, (pole, wanted if owners.get(pole) == line and pole not in replaced else nothing))
+            if bisect_right(setting, line) > bisect_right(setting, before):
+                now = wanted
+            if line not in replaced and (now != wanted).any():
+                place = self._centre_place(program.poles[pole], wanted)
+                yield Change(block=line, removed=0, lines=[spelling.centre(place)], label=["centre"])
+                now = wanted
+            at[pole] = line, now
+
+    def _centre_place(self, pole: Sequence[float | None], shift: IntArray) -> list[str]:
+        """Words of a centre with a shift, in steps of the coarse decimals."""
+        scale = 10**self._fine
+        return [
+            AXES[axis] + self._dialect.numbers.length(round(value * scale) + int(shift[axis]) * self._grid, self._fine)
+            for axis, value in enumerate(pole)
+            if value is not None
+        ]
+
     def _restore_pole(self, block: int) -> None:
         """Set the centre of circles again where the change has set others, as the next arc about it needs it."""
         assert self._change is not None
@@ -319,16 +354,13 @@ class ChangeWriter:
             return
         pole = program.poles[self._poles[set_before - 1]]
         behind = self._poles[set_before] if set_before < len(self._poles) else program.blocks
-        motions = program.motions
-        arcs = np.flatnonzero((motions.kind == ARC) & (motions.block > block) & (motions.block < behind))
-        shift = self._carried.word[int(arcs[0])] if arcs.size else np.zeros(3, dtype=np.int64)
-        scale = 10**self._fine
-        place = [
-            AXES[axis] + self._dialect.numbers.length(round(value * scale) + int(shift[axis]) * self._grid, self._fine)
-            for axis, value in enumerate(pole)
-            if value is not None
-        ]
-        self._change.lines.append(spelling.centre(place))
+        users = self._users[bisect_right(self._users, block) : bisect_right(self._users, behind - 1)]
+        nothing = np.zeros(3, dtype=np.int64)
+        shift = nothing
+        if users and program.centre_users[users[0]][1]:
+            motion = int(np.searchsorted(program.motions.block, np.int32(users[0])))
+            shift = self._carried.word[motion].astype(np.int64)
+        self._change.lines.append(spelling.centre(self._centre_place(pole, shift)))
 
     @property
     def _grid(self) -> int:

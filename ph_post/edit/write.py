@@ -162,7 +162,8 @@ def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
         declaration.chord_tolerance,
         lambda block: numbers.text(program, block),
     )
-    changes = sorted(writer.write(tasks), key=lambda change: change.block)
+    changes = list(writer.write(tasks))
+    changes = sorted([*changes, *writer.centres(changes)], key=lambda change: change.block)
     if declaration.closing:
         label = "own compensation"
         changes.append(Change(block=program.blocks, removed=0, lines=[declaration.closing], label=[label]))

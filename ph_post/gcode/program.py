@@ -290,7 +290,8 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     end. `notes` name what was passed through. `language` is the one it was read in, and the one for all
     that is made of it. `centred` lines give the centre of an arc as a place, whatever the mode of centres.
     `poles` are the centres (X, Y, Z) [units] that lines of their own set, None where not known or not set;
-    `centre_lines` says for such a line which is the first with an arc about it.
+    `centre_users` by the line of what turns about one the line that sets it, and whether that is an arc that is
+    understood.
     """
 
     name: str
@@ -307,7 +308,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     language: Language = RS274
     centred: PlaceArray = _NOWHERE
     poles: Mapping[int, tuple[float | None, ...]] = {}
-    centre_lines: Mapping[int, int] = {}
+    centre_users: Mapping[int, tuple[int, bool]] = {}
 
     @property
     def blocks(self) -> int:
@@ -337,6 +338,15 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         found[self.centred] = True
         found[list(self.centre_lines)] = True
         return found
+
+    @property
+    def centre_lines(self) -> dict[int, int]:
+        """By a line that sets a centre the first one with an arc about it, if it has no other user before."""
+        first: dict[int, tuple[int, bool]] = {}
+        for line in sorted(self.centre_users):
+            pole, arc = self.centre_users[line]
+            first.setdefault(pole, (line, arc))
+        return {pole: line for pole, (line, arc) in first.items() if arc}
 
     def words_of(self, block: int) -> range:
         """Return the numbers of the words on a line."""

@@ -142,7 +142,7 @@ NAMED = {
         ("L X+Q1", "place that is computed: X"),
         ("L X+9 FQ10", "feed by the tool, or computed: FQ10"),
         ("L X+9 FU0.1", "feed by the tool, or computed: FU0.1"),
-        ("Q5 = +3", "Q parameter: Q5 = +3"),
+        ("Q5 = Q6 + 3", "Q parameter: Q5 = Q6 + 3"),
         ("L X+9 M99", "call of a cycle: M99"),
         ("L X+9 M128", "unknown M function: M128"),
         ("CYCL DEF 200 DRILLING", "cycle: CYCL DEF 200 DRILLING"),

@@ -79,7 +79,53 @@ M30
 END PGM POCKET MM
 """
 
-PROGRAMS = {"plate": PLATE, "pocket": POCKET}
+POLAR = """0  BEGIN PGM POLAR MM
+1  BLK FORM 0.1 Z  X+0  Y-200  Z-15
+2  BLK FORM 0.2  X+500  Y+0  Z+0
+3  * - contour, as posted by a CAM system: circles by angles, feeds by parameters
+4  TOOL CALL 3 Z S1940
+5  L M140 MB MAX
+6  M3
+7  L  X+297  Y+1 R0 FMAX
+8  L  Z+15 R0 FMAX
+9  CYCL DEF 32.0 TOLERANCE
+10 CYCL DEF 32.1
+11 FN 0: Q52 =+202 ; Finish
+12 FN 0: Q58 =+67 ; Plunge
+13 L  Z+5 FMAX
+14 L  Z-3.5 FQ58
+15 CC  X+296  Z-3.5
+16 CP IPA+90 DR+ FQ52
+17 L  X+295  Z-4.5
+18 CC  X+295  Y+0
+19 CP IPA+90 DR+
+20 L  X+294  Y-23.25 FQ52
+21 CC  X+289  Y-23.25
+22 CP IPA-90 DR-
+23 CC  X+289  Y-28.5
+24 CP IPA+90 DR+ F56.5
+25 CC  X+283.75  Y-28.5
+26 CP IPA-90 DR- FQ52
+27 L  X+263.5  Y-33.5
+28 CC  X+263.5  Y-28.5
+29 CP IPA-126.061 DR-
+30 L  X+263  Y-50.5
+31 L  Y-52.5
+32 L  X+302
+33 CC  X+302  Y-40
+34 CP IPA+360 DR+
+35 L  Y+0 FQ52
+36 CC  X+301  Y+0
+37 CP IPA+90 DR+
+38 L  X+300  Y+1
+39 L  X+301  Z+15 FMAX
+40 M5
+41 L M140 MB MAX
+42 M30
+43 END PGM POLAR MM
+"""
+
+PROGRAMS = {"plate": PLATE, "pocket": POCKET, "polar": POLAR}
 MACHINE = replace(read_machine("stepper"), dialect="heidenhain")
 BACKLASH = {"X": 0.06, "Y": 0.08}
 DEEP = -0.99
@@ -128,10 +174,10 @@ def test_what_is_added_is_conversational(name, changed):
     assert "END PGM" in lines[-1]
     assert lines[-2].startswith("; ph-post: undo")
     own = set(PROGRAMS[name].splitlines())
-    place = r"[XYZ][+-][\d.]+"
+    place = r" ?[XYZ][+-][\d.]+"
     shape = re.compile(
-        rf"(?:\d+ )?(?:L(?: {place})*|CC(?: {place})*|C(?: {place})* DR[+-]|CR(?: {place})* R[+-][\d.]+ DR[+-])"
-        r"(?: R0)?(?: M8)?(?: FMAX)?(?: F[\d.]+)?(?: M\d+)*(?: ;.*)?|M\d+|;.*"
+        rf"(?:\d+ +)?(?:L(?: {place})*|CC(?: {place})*|C(?: {place})* DR[+-]|CR(?: {place})* R[+-][\d.]+ DR[+-])"
+        r"(?: R0)?(?: M8)?(?: FQ52)?(?: FMAX)?(?: F[\d.]+)?(?: M\d+)*(?: ;.*)?|M\d+|;.*"
     )
     assert [line for line in lines if line not in own and not shape.fullmatch(line)] == []
 
@@ -157,3 +203,22 @@ def test_the_centre_is_set_again_behind_a_change():
     for side in (-1.0, 1.0):
         assert _away(one.text.decode(), TncRun(text), side).max() < 0.0045
     assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=MACHINE).ok
+
+
+def test_a_helix_keeps_its_bytes_and_its_pole():
+    text = (
+        "0 BEGIN PGM A MM\n1 L X+0 Y+0 Z+1 FMAX\n2 L Z-1 F300\n3 L X+10 Y+1\n4 L X+4\n5 CC X+10 Y+1\n"
+        "6 CP IPA+1080 Z-4 DR+\n7 L X+4 Y-9\n8 L Y-5\n9 CP IPA+45 DR+\n10 L X+2\n11 L Z+5 FMAX\n12 END PGM A MM\n"
+    )
+    one = compensate(text.encode(), MACHINE, dialect="heidenhain")
+    found = one.text.decode()
+    assert "5 CC X+10 Y+1\n6 CP IPA+1080 Z-4 DR+\n" in found
+    assert [note.what for note in one.program.notes] == ["helix, or more than one turn: CP IPA+1080 Z-4 DR+"]
+    assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=MACHINE).ok
+    assert undo(one.text, "a.h") == text.encode()
+
+
+def test_what_stands_behind_an_unknown_label_is_passed_through():
+    text = b"0 BEGIN PGM A MM\n1 L X+0 Y+0 F100\n2 L X+9\n3 CALL LBL 7 REP 2\n4 L X+1\n5 END PGM A MM\n"
+    program = compensate(text, MACHINE, dialect="heidenhain").program
+    assert [(note.first, note.last, note.what) for note in program.notes] == [(3, 5, "label that is not known: 7")]

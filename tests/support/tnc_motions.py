@@ -1,7 +1,7 @@
 """Motions of a conversational program, by a small interpreter of its own: dense places of the motors [mm].
 
-It follows L, CC, C and CR with places and increments, F, FMAX and cycle 9, and passes over everything else. Circles lie
-in the plane X, Y. Nothing is shared with ph_post.
+It follows L, CC, C, CR and CP with places and increments, F, FMAX, FQ with FN 0 and cycle 9, and passes over everything
+else. Nothing is shared with ph_post.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ class TncRun:
         self.cuts: list[np.ndarray] = [np.zeros(1, dtype=bool)]
         self.seconds = 0.0
         self.functions: list[str] = []
-        self._pole, self._feed = np.zeros(2), 1000.0
+        self._pole, self._feed = np.zeros(3), 1000.0
+        self._axes = [0, 1]
+        self._known: dict[str, float] = {}
         for line in text.splitlines():
             self._line(re.sub(r"^\s*\d+\s+", "", line).split(";")[0].strip())
 
@@ -44,7 +46,11 @@ class TncRun:
         self.functions += re.findall(r"\bM\d+", line) if word in ("L", "C", "CR") or word[:1] == "M" else []
         if feed := re.search(r"\bF(\d+\.?\d*)", line):
             self._feed = float(feed[1])
-        if word not in ("L", "C", "CR", "CC"):
+        if given := re.match(r"FN 0: (Q\d+) =([-+\d.]+)", line):
+            self._known[given[1]] = float(given[2])
+        if feed := re.search(r"\bF(Q\d+)", line):
+            self._feed = self._known[feed[1]]
+        if word not in ("L", "C", "CR", "CC", "CP") or "M140" in line or "M91" in line:
             return
         end = self.at.copy()
         for step, axis, number in _PLACE.findall(line):
@@ -53,18 +59,20 @@ class TncRun:
         if word == "CC":
             places = _PLACE.findall(line)
             named = {axis for _, axis, _ in places}
-            self._pole = np.array([end[n] if "XY"[n] in named or not places else self._pole[n] for n in range(2)])
+            self._pole = np.array([end[n] if "XYZ"[n] in named or not places else self._pole[n] for n in range(3)])
+            self._axes = {"XZ": [2, 0], "YZ": [1, 2]}.get("".join(sorted(named)), [0, 1])
             return
         self._move(word, line, end)
 
     def _move(self, word: str, line: str, end: np.ndarray) -> None:
-        begin, a, b = self.at, self.at[:2], end[:2]
+        begin, axes = self.at, self._axes
+        a, b = begin[axes], end[axes]
         rapid = "FMAX" in line
         if word == "L":
             count = max(2, math.ceil(float(np.linalg.norm(end - begin)) / STEP))
             places = begin + np.linspace(0.0, 1.0, count + 1)[1:, None] * (end - begin)
         else:
-            left, center = "DR+" in line, self._pole
+            left, center, angle = "DR+" in line, self._pole[axes], 0.0
             if word == "CR":
                 found = re.search(r"\bR([-+]?\d+\.?\d*)", line)
                 assert found is not None
@@ -72,14 +80,21 @@ class TncRun:
                 half = 0.5 * np.linalg.norm(b - a)
                 away = math.sqrt(max(radius * radius - half * half, 0.0)) * (1 if (radius > 0) == left else -1)
                 center = 0.5 * (a + b) + away * np.array([-(b - a)[1], (b - a)[0]]) / (2.0 * half)
-            angle = turn(a - center, b - center)
-            angle = (angle or math.tau) if left else angle - math.tau
+            if steps := re.search(r"IPA([-+][\d.]+)", line):
+                angle = math.radians(float(steps[1]))
+                turned = math.atan2(*(a - center)[::-1]) + angle
+                b = center + np.hypot(*(a - center)) * np.array([math.cos(turned), math.sin(turned)])
+                end[axes] = b
+            else:
+                angle = turn(a - center, b - center)
+                angle = (angle or math.tau) if left else angle - math.tau
             size = np.hypot(*(a - center))
             count = max(2, math.ceil(size * abs(angle) / STEP))
             share = np.linspace(0.0, 1.0, count + 1)[1:]
             turned = math.atan2(a[1] - center[1], a[0] - center[0]) + angle * share
-            height = begin[2] + share * (end[2] - begin[2])
-            places = np.column_stack([center[0] + size * np.cos(turned), center[1] + size * np.sin(turned), height])
+            places = begin + share[:, None] * (end - begin)
+            places[:, axes[0]] = center[0] + size * np.cos(turned)
+            places[:, axes[1]] = center[1] + size * np.sin(turned)
             assert np.allclose(places[-1], end, atol=2e-3), line
             places[-1] = end
         self.points.append(places)

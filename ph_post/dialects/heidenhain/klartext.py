@@ -27,6 +27,7 @@ from ph_post.dialects.heidenhain.tnc import (
     joined,
     number_of,
 )
+from ph_post.dialects.reading import Remark
 from ph_post.gcode.program import PartProgram
 
 _PLACE: Final = re.compile(rf"(?<![A-Z])(I?)([XYZABCUVW])\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
@@ -35,6 +36,8 @@ _FUNCTION: Final = re.compile(r"M\s*(\d+)")
 _SIDE: Final = re.compile(r"R([0LR])\b")
 _SPACE: Final = re.compile(r"[RFM](?=\s|$)|\s+")
 _RADIUS: Final = re.compile(rf"R\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
+_ANGLE: Final = re.compile(rf"(I?)PA\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
+_SET: Final = re.compile(rf"(?:FN\s*0\s*:\s*)?(Q[LRS]?\d+)\s*=\s*({NUMBER})\s*")
 _SENSE: Final = re.compile(r"DR\s*([-+])")
 _CYCLE: Final = re.compile(r"CYCL\s+DEF\s+(\d+)(?:\.(\d+))?(.*)")
 _LAST_NUMBER: Final = re.compile(rf"({NUMBER})\s*$")
@@ -102,19 +105,29 @@ class _KlartextFollower:
         cycle = _CYCLE.match(source)
         if cycle is not None:
             return self._cycle(int(cycle[1]), cycle[2], cycle[3], source)
-        if re.match(r"Q[LRS]?\d+\s*=", source):
-            # parameters of a cycle stand on lines of their own; the cycle has its note already
-            raise NotFollowed(self._remark or "Q parameter", source)
-        if not source or source.startswith(("*", *_QUIET)) or re.match(r"LBL\b", source):
+        if self._sets(source) or not source or source.startswith(("*", *_QUIET)) or re.match(r"LBL\b", source):
             return ""
         if source.startswith("END PGM"):
             return "M2"
         word = source.split(maxsplit=1)[0]
         if word == "L" or re.match(r"L(?=[IXYZ][-+\d.XYZ])", source):
             return self._straight(source[1:])
-        if word in ("C", "CR", "CC"):
-            return self._curve(word, source[len(word) :])
+        if word in ("C", "CR", "CC", "CP"):
+            return self._polar(source) if word == "CP" else self._curve(word, source[len(word) :])
         return self._other(word, source)
+
+    def _sets(self, source: str) -> bool:
+        """Take the number that a Q parameter is set to; return False where a line sets none."""
+        given = _SET.fullmatch(source)
+        if given is not None and (source.startswith("FN") or not self._remark):
+            self.tnc.parameters[given[1]] = Decimal(given[2].replace(",", "."))
+            return True
+        if found := re.match(r"(?:FN\s*\d+\s*:\s*)?(Q[LRS]?\d+)\s*=", source):
+            self.tnc.parameters.pop(found[1], None)
+        if re.match(r"Q[LRS]?\d+\s*=", source):
+            # parameters of a cycle stand on lines of their own; the cycle has its note already
+            raise NotFollowed(self._remark or "Q parameter", source)
+        return False
 
     def _other(self, word: str, source: str) -> str:
         tool = _TOOL.match(source)
@@ -161,6 +174,25 @@ class _KlartextFollower:
         self._nothing_left(rest)
         return self.tnc.arc(places, left=sense[1] == "+", radius=radius, feed=feed, functions=functions)
 
+    def _polar(self, source: str) -> str:
+        rest, places = self._places(source[len("CP") :])
+        angle, sense = _ANGLE.search(rest), _SENSE.search(rest)
+        number = None if angle is None else number_of(angle[2])
+        if angle is None or number is None or sense is None:
+            raise NotFollowed("path function", source)
+        rest, feed, rapid = self._feed(_SENSE.sub(" ", _ANGLE.sub(" ", rest)))
+        rest, functions = self._functions(rest)
+        rest = self._side(rest)
+        self._nothing_left(rest)
+        if rapid:
+            raise NotFollowed("arc at rapid traverse", source)
+        text, passed = self.tnc.polar(
+            places, number, steps=bool(angle[1]), left=sense[1] == "+", feed=feed, functions=functions
+        )
+        if passed:
+            self.tnc.remarks[len(self.tnc.texts)] = Remark(what=f"helix, or more than one turn: {source}")
+        return text
+
     @staticmethod
     def _places(text: str) -> tuple[str, Places]:
         places: Places = {}
@@ -170,8 +202,7 @@ class _KlartextFollower:
             places[axis] = bool(incremental), number_of(number)
         return _PLACE.sub(" ", text), places
 
-    @staticmethod
-    def _feed(text: str) -> tuple[str, str, bool]:
+    def _feed(self, text: str) -> tuple[str, str, bool]:
         """Take the feed out of a line: what is left, its F word, and whether it is a rapid."""
         found = _FEED.search(text)
         if found is None or found[1] is None:
@@ -180,6 +211,8 @@ class _KlartextFollower:
         if found[1] == "MAX":
             return rest, "", True
         number = None if found[1][0] in "AZTU" else number_of(found[1])
+        if number is None and found[1] in self.tnc.parameters:
+            number = self.tnc.feeds[len(self.tnc.texts)] = self.tnc.parameters[found[1]]
         if number is None:
             raise NotFollowed("feed by the tool, or computed", found[0])
         return rest, f"F{number}", False

@@ -19,14 +19,15 @@ from ph_post.types import sealed
 
 _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 _PREFIX: Final = re.compile(r"\s*(?:\d+(?=\s|$))?\s*")
-_KEYWORD: Final = re.compile(r"(?:CC|CR|C|L)(?![A-Z])", re.IGNORECASE)
+_KEYWORD: Final = re.compile(r"(?:CC|CR|CP|C|L)(?![A-Z])", re.IGNORECASE)
 _TOKEN: Final = re.compile(
-    rf"(?P<place>(?P<step>I?)(?P<axis>[XYZABCUVW])\s*(?P<number>{_NUMBER}(?![\d.,])|[-+]?Q[LRS]?\d+|[-+]?[\d.,]+))"
+    rf"(?P<angle>I?PA\s*[-+]?(?:[\d.,]+|Q[LRS]?\d+))|(?P<place>(?P<step>I?)(?P<axis>[XYZABCUVW])\s*(?P<number>{_NUMBER}(?![\d.,])|[-+]?Q[LRS]?\d+|[-+]?[\d.,]+))"
     rf"|(?P<sense>DR\s*[-+])|(?P<side>R[0LR](?![\d.]))|(?P<radius>R\s*(?P<length>{_NUMBER}))"
-    rf"|(?P<rapid>F\s*MAX)|(?P<feed>F\s*(?P<speed>{_NUMBER}))|(?P<function>M\s*(?P<code>\d+))",
+    rf"|(?P<rapid>F\s*MAX)|(?P<feed>F\s*(?P<speed>{_NUMBER}|Q[LRS]?\d+))|(?P<function>M\s*(?P<code>\d+))",
     re.IGNORECASE,
 )
 _DWELL: Final = re.compile(rf"CYCL\s+DEF\s+9\.1\b.*?({_NUMBER})\s*$", re.IGNORECASE)
+_BEGINS_DWELL: Final = re.compile(r"CYCL\s+DEF\s+9\.0\b", re.IGNORECASE)
 _TOOL: Final = re.compile(rf"TOOL\s+CALL\b.*?(?<![A-Z])F\s*({_NUMBER})", re.IGNORECASE)
 _FUNCTIONS: Final = re.compile(r"(?:M\s*\d+\s*)+", re.IGNORECASE)
 _OTHER: Final = "O"
@@ -53,13 +54,15 @@ class WordRows:
 
     def __init__(self) -> None:
         self._rows: list[tuple[int, int, int, int, int, int]] = []
+        self._feed = ""
 
-    def add(self, block: int, base: int, line: str) -> None:
-        """Add the words of a line whose first byte is at `base`."""
+    def add(self, block: int, base: int, line: str, feed: Decimal | None = None) -> None:
+        """Add the words of a line whose first byte is at `base`; `feed` is what a parameter gives it."""
+        self._feed = "" if feed is None else str(feed)
         number, words, _ = parts_of(line)
         base += len(number)
         bare = words.rstrip()
-        if not bare or bare.startswith("*"):
+        if not bare or bare.startswith("*") or _BEGINS_DWELL.match(bare):
             return
         keyword = _KEYWORD.match(bare)
         dwell, tool = _DWELL.match(bare), _TOOL.match(bare)
@@ -93,13 +96,13 @@ class WordRows:
             elif found["radius"]:
                 self._row(block, "R", base + found.start(), base + found.end(), found["length"])
             elif found["feed"]:
-                self._row(block, "F", base + found.start(), base + found.end(), found["speed"])
+                self._row(block, "F", base + found.start(), base + found.end(), self._feed or found["speed"])
             elif found["function"]:
                 self._row(block, "M", base + found.start(), base + found.end(), found["code"])
 
     def _row(self, block: int, letter: str, start: int, end: int, number: str) -> None:
         digits, decimals = 0, -1
-        if number:
+        if number and number[0].upper() != "Q":
             sign, figures, exponent = Decimal(number).as_tuple()
             if isinstance(exponent, int) and len(figures) <= _MOST and -exponent <= _MOST:
                 digits, decimals = int("".join(map(str, figures))) * (-1 if sign else 1), max(-exponent, 0)

@@ -5,6 +5,7 @@ Each line becomes one line; places are written absolutely.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from decimal import Decimal
@@ -41,8 +42,20 @@ _FUNCTIONS: Final[Mapping[int, str]] = {
     19: "M19",
     30: "M30",
 }
+_WHOLE: Final = 1e-9
+"""Angles [rad] that differ from whole turns by less are whole turns."""
+
 _MACHINE: Final = frozenset((91, 92))
 """M functions with which the positions of a block are the machine's."""
+_POLAR: Final = re.compile(r"[CL]P\b|C\b")
+"""What uses the pole."""
+
+_FEED: Final = re.compile(rf"(?:L|C)[A-Z]?\b.*?(?<![A-Z])F\s*({NUMBER})")
+"""A feed in a block that moves, which stays in force whatever else is in it."""
+
+_STEP: Final[Mapping[str, Decimal]] = {"G21": Decimal("0.0001"), "G20": Decimal("0.00001")}
+"""Ends that follow from angles are rounded to what a program can say: blocks behind them name the same places."""
+
 _CALLS: Final = frozenset((89, 99))
 
 Places = dict[str, tuple[bool, Decimal | None]]
@@ -89,8 +102,12 @@ class Tnc:
         What is not understood, by line.
     poles : dict
         Centres that lines set.
-    centre_lines : dict
-        By such a line the first one with an arc about it.
+    arcs, users : dict
+        By the line of an arc, and of what is passed through and uses the centre too, the line that sets it.
+    parameters : dict
+        Q parameters that have a number.
+    feeds : dict
+        By line the feed that a parameter gives it.
     """
 
     def __init__(self, units: str) -> None:
@@ -103,9 +120,14 @@ class Tnc:
         self._turned: set[str] = set()
         self._moved: int | None = None
         self._pole_line: int | None = None
+        self._pole_axes: tuple[str, ...] = ()
+        self._plane_word = ""
+        self.parameters: dict[str, Decimal] = {}
+        self.feeds: dict[int, Decimal] = {}
         self._cut = False
         self.poles: dict[int, tuple[float | None, ...]] = {}
-        self.centre_lines: dict[int, int] = {}
+        self.arcs: dict[int, int] = {}
+        self.users: dict[int, int] = {}
         self._states: list[str] = []
         self.corrected = False
 
@@ -115,15 +137,20 @@ class Tnc:
             text = follow()
         except NotFollowed as found:
             self.forget(AXES)
+            if self._pole_line is not None and _POLAR.match(source):
+                self.arcs.pop(len(self.texts), None)
+                self.users[len(self.texts)] = self._pole_line
             column = source.find(found.text) + 1 if found.text else 1
             self.remarks[len(self.texts)] = Remark(what=str(found), column=max(column, 1))
-            text = FORGOTTEN
+            feed = _FEED.match(source)
+            text = joined(f"F{number_of(feed[1])}" if feed else "", FORGOTTEN)
         self.add(text)
 
     def add(self, text: str) -> None:
         """Add the translation of a line."""
         side = "G41" if self.corrected else "G40"
-        self._states.append(f"{self._units} G90 {_PLANE_WORDS[self.tool_axis]} G90.1 G94 {side}")
+        plane, self._plane_word = self._plane_word or _PLANE_WORDS[self.tool_axis], ""
+        self._states.append(f"{self._units} G90 {plane} G90.1 G94 {side}")
         self.texts.append(text)
 
     def lose(self, what: str, text: str) -> None:
@@ -133,6 +160,7 @@ class Tnc:
         self.add(NOT_UNDERSTOOD)
         self._pole = dict.fromkeys(AXES)
         self._pole_line = None
+        self.parameters.clear()
 
     def forget(self, axes: Iterable[str]) -> None:
         """Take positions for unknown."""
@@ -162,11 +190,49 @@ class Tnc:
             pole = {axis: self._pole[axis] for axis in plane}
             if None in pole.values():
                 raise NotFollowed("arc about a centre that is not known")
-            ends += [CENTERS[axis] + str(value) for axis, value in pole.items()]
+            ends += [CENTERS[axis] + format(value or 0, "f") for axis, value in pole.items()]
             if self._pole_line is not None:
-                self.centre_lines.setdefault(self._pole_line, len(self.texts))
+                self.arcs[len(self.texts)] = self._pole_line
         self._moved = len(self.texts)
         return joined("G3" if left else "G2", *ends, feed, *self._functions(functions))
+
+    def polar(
+        self, places: Places, angle: Decimal, *, steps: bool, left: bool, feed: str, functions: list[int]
+    ) -> tuple[str, bool]:
+        """Write a circle about the pole, up to a direction or by an angle [deg]; true where it is passed through.
+
+        A helix, and more than one turn, have no block that could be a part of them: their end is known.
+        """
+        axes = {*self._pole_axes} if len(self._pole_axes) == len(PLANES[self.tool_axis]) else {*PLANES[self.tool_axis]}
+        third = next(axis for axis in AXES if axis not in axes)
+        first, second = PLANES[third]
+        known = [self._at[first], self._at[second], self._pole[first], self._pole[second]]
+        if None in known or axes & {*places}:
+            raise NotFollowed("circle about a pole that is not known, or from an unknown place")
+        a, b, p, q = (float(value) for value in known if value is not None)
+        begin, way = math.atan2(b - q, a - p), math.radians(float(angle))
+        swept = way if steps else (way - begin) % math.tau - (0.0 if left else math.tau)
+        if swept == 0.0 or (swept > 0.0) != left:
+            raise NotFollowed("circle whose angle and sense differ")
+        rise = self._ends(places)
+        radius, end = math.hypot(a - p, b - q), begin + swept
+        whole = abs(math.remainder(swept, math.tau)) < _WHOLE
+        ends = (a, b) if whole else (p + radius * math.cos(end), q + radius * math.sin(end))
+        step = _STEP[self._units]
+        for axis, value in zip((first, second), ends, strict=True):
+            self._at[axis] = Decimal(repr(value)).quantize(step)
+        self._moved = len(self.texts)
+        self._plane_word = _PLANE_WORDS[third]
+        words = [f"{axis}{format(self._at[axis] or 0, 'f')}" for axis in (first, second)] + rise
+        more = self._functions(functions)
+        if rise or abs(swept) > math.tau + _WHOLE:
+            if self._pole_line is not None:
+                self.users[len(self.texts)] = self._pole_line
+            return joined("G1 A0", *words, feed, *more), True
+        if self._pole_line is not None:
+            self.arcs[len(self.texts)] = self._pole_line
+        words += [f"{CENTERS[axis]}{format(self._pole[axis] or 0, 'f')}" for axis in (first, second)]
+        return joined("G3" if left else "G2", *words, feed, *more), False
 
     def pole(self, places: Places) -> str:
         """Set the pole, or the axes of it that are named; without any it is where the tool stands."""
@@ -176,9 +242,10 @@ class Tnc:
             base = self._at[axis] if incremental else Decimal(0)
             self._pole[axis] = None if number is None or base is None else base + number
         self._pole_line = len(self.texts)
+        plane = PLANES[self.tool_axis]
+        self._pole_axes = tuple(places) if len(places) == len(plane) else plane
         self.poles[self._pole_line] = tuple(
-            None if value is None or axis not in PLANES[self.tool_axis] else float(value)
-            for axis, value in self._pole.items()
+            None if value is None or axis not in self._pole_axes else float(value) for axis, value in self._pole.items()
         )
         return ""
 
@@ -194,7 +261,7 @@ class Tnc:
             if number is None or (base is None and axis in AXES):
                 raise NotFollowed("place that is computed" if number is None else "increment of an unknown place", axis)
             place = number + (base or Decimal(0))
-            words.append(axis + str(place))
+            words.append(axis + format(place, "f"))
             if axis in AXES:
                 self._at[axis] = place
         if {*places} - {*AXES}:
@@ -331,13 +398,7 @@ class TncSource:
         return first, head
 
     def program(self, tnc: Tnc) -> PartProgram:
-        """Read the translation by `tnc`, which has followed all lines; pass repeats and jumps through.
-
-        Raises
-        ------
-        InputError
-            If a label is not in the program, or computed.
-        """
+        """Read the translation by `tnc`, which has followed all lines; pass repeats and jumps through."""
         for first, last, what in self._stretches():
             for number in range(first, last + 1):
                 if text_of(self._data, self._lines, number).strip():
@@ -350,16 +411,17 @@ class TncSource:
         found = rows()
         for number in range(self._lines.size - 1):
             line = text_of(self._data, self._lines, number).decode("latin-1")
-            found.add(number, int(self._lines[number]), line)
-        passed = {line for line, text in enumerate(tnc.texts) if text in (NOT_UNDERSTOOD, FORGOTTEN)}
+            found.add(number, int(self._lines[number]), line, feed=tnc.feeds.get(number))
         program = read_translated(
             self._data, self._lines, self._name, texts, tnc.remarks, in_place=False, words=found.table()
         )
+        moves = set(program.motions.block.tolist())
         return replace(
             program,
             poles=tnc.poles,
-            centre_lines={
-                line: arc for line, arc in tnc.centre_lines.items() if line not in passed and arc not in passed
+            centre_users={
+                **{line: (pole, line in moves) for line, pole in tnc.arcs.items()},
+                **{line: (pole, False) for line, pole in tnc.users.items()},
             },
         )
 
@@ -374,8 +436,9 @@ class TncSource:
                     continue
                 place = labels.get(call.groups()[-1])
                 if place is None:
-                    expected = f"{self._language.label_words} in the program"
-                    raise self._refused(number, "label that is not known", expected, call[1])
+                    # The control stops here.
+                    yield number, len(self.texts) - 1, f"label that is not known: {call[1]}"
+                    continue
                 yield min(place, number), max(place, number), what
 
     def _refused(self, number: int, what: str, expected: str, got: str) -> InputError:
