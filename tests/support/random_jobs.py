@@ -30,9 +30,9 @@ class RandomJob(NamedTuple):
     options: PlanOptions
 
 
-def random_job(number: int) -> RandomJob:
+def random_job(number: int, seed: int = 2024) -> RandomJob:
     """Job of a number: a path that takes about a second, a machine with an axis of its own kind each."""
-    rng = np.random.default_rng([2024, number])
+    rng = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
     curves = _closed_curves(rng, kind) if kind in CLOSED else random_curves(rng, kind)
     path = make_path(curves, closed=kind in CLOSED)
