@@ -56,7 +56,7 @@ PROOFS: Final = 3
 CLOSE: Final = math.log(1.03)
 """Logarithm of the ratio within which largest errors are alike, and the other errors decide."""
 
-ENOUGH: Final = 0.005
+ENOUGH: Final = 0.0002
 """Part of the plain error below which less is no better."""
 
 FLOOR: Final = 1e-8
