@@ -13,6 +13,7 @@ from ph_post.api.options import CompensateOptions
 from ph_post.api.results import AxisReversals, MotionResult, ReversalCount
 from ph_post.compensate.options import PlanOutput
 from ph_post.errors import NotCompensatedError
+from ph_post.expand.writing import is_written_out
 from ph_post.files.check import counted
 from ph_post.files.storage import write_atomically
 from ph_post.files.table import table_content
@@ -143,12 +144,25 @@ def require_all_compensated(rows: Sequence[AxisReversals], warnings: Sequence[st
         raise NotCompensatedError(f"--require-all: not compensated: {what}{why}; nothing was written")
 
 
+_COMPUTED: Final = (
+    *("parameter", "value that is computed", "O-word", "polar coordinates", "canned cycle", "modal state brought back"),
+    "subprogram: ",
+)
+"""What begins the notes of stretches that can be written out, in RS274's words."""
+
+_MACROS: Final = ("loop of a macro", "jump of a macro")
+"""The same for Fanuc's."""
+
+
 def passed_through(program: PartProgram) -> tuple[str, ...]:
     """Describe the stretches of a program that are passed through: their number, and the first."""
     notes = program.notes
     if not notes:
         return ()
     first = f"line {notes[0].first + 1}: {notes[0].what}"
+    kinds = (*_COMPUTED, *_MACROS) if program.language.read is None else _MACROS
+    if any(note.what.startswith(kinds) for note in notes) and not is_written_out(program.data):
+        first += "; --expand writes out what computes"
     return (f"{counted(len(notes), 'stretch', 'stretches')} passed through unchanged ({first})",)
 
 

@@ -74,7 +74,9 @@ def convert_job(job: BatchJob) -> BatchOutcome:
 
 
 def _converted(job: BatchJob) -> BatchOutcome:
-    options = job.options.without_path_options() if is_program(job.source) else job.options
+    options = msgspec.structs.replace(job.options, expand=False)
+    if is_program(job.source):
+        options = job.options.without_path_options()
     result = compensated(job.source, job.machine, options, "program", no_progress)
     program = result.program()
     found = summarize(result, "program" if isinstance(result, PathCompensation) else None, simulated=job.simulated)

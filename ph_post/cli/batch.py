@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="F words in mm/min (G94) or in 1/min (G93), of path files.",
 )
+@options.expanding
 @options.force
 @options.strict
 @click.option(

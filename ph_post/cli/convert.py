@@ -26,23 +26,7 @@ from ph_post.cli import options
     help=f"With --in-place: keep the original as part.ngcEND. [{options.BACKUP}]",
 )
 @click.option("--undo", is_flag=True, help="Restore the original of a compensated program, byte for byte.")
-@click.option(
-    "--expand",
-    is_flag=True,
-    help="Write a program out first: parameters, loops, subprograms and cycles become plain motions. For LinuxCNC; "
-    "subprograms and macros also for Fanuc.",
-)
-@click.option(
-    "--subprograms",
-    multiple=True,
-    metavar="FOLDER",
-    help="With --expand: where subprograms are that are files of their own, besides the folder of IN; may be repeated.",
-)
-@click.option(
-    "--parameters",
-    metavar="FILE",
-    help="With --expand: the controller's file of parameters (linuxcnc.var), for programs that read them.",
-)
+@options.expanding
 @options.force
 @options.strict
 @click.option(

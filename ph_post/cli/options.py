@@ -375,6 +375,33 @@ def writing(function: F) -> F:
     return _with(_WRITING, function)
 
 
+_EXPANDING = (
+    click.option(
+        "--expand",
+        is_flag=True,
+        help="Write a program out first: parameters, loops, subprograms and cycles become plain motions. For LinuxCNC; "
+        "subprograms and macros also for Fanuc.",
+    ),
+    click.option(
+        "--subprograms",
+        multiple=True,
+        metavar="FOLDER",
+        help="With --expand: where subprograms are that are files of their own, besides the program's folder; may be "
+        "repeated.",
+    ),
+    click.option(
+        "--parameters",
+        metavar="FILE",
+        help="With --expand: the controller's file of parameters (linuxcnc.var), for programs that read them.",
+    ),
+)
+
+
+def expanding(function: F) -> F:
+    """Add the options that say whether programs that compute are written out first."""
+    return _with(_EXPANDING, function)
+
+
 _PIPELINE = (
     click.option(
         "-m",

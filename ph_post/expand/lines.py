@@ -69,7 +69,7 @@ class Line(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def active(self) -> tuple[str, ...]:
         """Comments that are orders, such as ``(MSG, …)``."""
-        return tuple(one for one in self.comments if _ACTIVE.match(one))
+        return tuple(one for one in self.comments if _ACTIVE.match(one)) if self.comments else ()
 
 
 def has_flow(text: str) -> bool:

@@ -99,10 +99,13 @@ def test_what_was_not_simulated_is_said_in_words(part: Path, capsys: pytest.Capt
 
 
 def test_what_is_passed_through_is_not_compensated(part: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    part.write_text(POCKET.replace("G0 Z2\n", "G0 Z2\nG81 X10 Y10 Z-1 R1 F100\nG80\n"))
+    part.write_text(POCKET.replace("G0 Z2\n", "G0 Z2\nG98 G81 X10 Y10 Z-1 R1 F100\nG80\n"))
     said, _ = ended(capsys, "convert", str(part), "-m", "stepper", "--max-slowdown", "10")
     assert said[-2].startswith("NOT COMPENSATED: ")
     assert "passed through unchanged (line 13: " in said[-2]
+    assert said[-2].endswith("; --expand writes out what computes)")
+    said, _ = ended(capsys, "convert", str(part), "-m", "stepper", "--max-slowdown", "10", "--expand")
+    assert not any("NOT COMPENSATED" in line for line in said[-2:])
 
 
 def test_a_program_that_is_compensated_already_ends_with_its_line(
