@@ -90,10 +90,14 @@ def any_machine(machine: Machine | Source) -> tuple[Machine, str]:
     """
     if isinstance(machine, Machine):
         return machine, f"machine {machine.name}"
-    text = machinefile.machine_source(machine)
+    return machine_of_text(machinefile.machine_source(machine)), os.fspath(machine)
+
+
+def machine_of_text(text: SourceText) -> Machine:
+    """Return the machine of a file's text, which is kept for :func:`machine_text`; raises as :func:`any_machine`."""
     found = machinefile.machine_of(text)
     _texts[found.digest] = text
-    return found, os.fspath(machine)
+    return found
 
 
 def machine_text(machine: Machine) -> SourceText | None:

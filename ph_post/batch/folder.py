@@ -79,7 +79,7 @@ def plan_batch(folder: Source, machines: Sequence[Machine | Source], place: Sour
         for label, machine in known.items()
     ]
     _refuse_overwriting(root, out, [name for name, _ in files], tasks, machines)
-    _require_room(out)
+    require_room(out)
     owners: dict[Path, list[str]] = {}
     for task in tasks:
         owners.setdefault(task.target, []).append(task.file)
@@ -87,7 +87,7 @@ def plan_batch(folder: Source, machines: Sequence[Machine | Source], place: Sour
     return BatchPlan(root, out, known, tasks, clashes)
 
 
-def _require_room(out: Path) -> None:
+def require_room(out: Path) -> None:
     """Refuse a folder that cannot be made or written, before any work is done for it."""
     there = next(one for one in (out.absolute(), *out.absolute().parents) if os.path.lexists(one))
     if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):

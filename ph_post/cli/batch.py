@@ -30,17 +30,8 @@ if TYPE_CHECKING:
     " for several machines.",
 )
 @click.option("-o", "--output", required=True, metavar="FOLDER", help="Where programs and report are written.")
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Processes of this computer.  [default: one for each processor]",
-)
-@click.option(
-    "--scheduler",
-    metavar="ADDRESS",
-    help="Address of a Dask scheduler whose workers are taken, as tcp://host:8786.",
-)
+@options.workers
+@options.scheduler
 @options.strategy(None, "auto; suppress where a profile is described")
 @options.planning
 @options.writing
@@ -112,7 +103,7 @@ def command(
         workers=how["workers"],
         scheduler=how["scheduler"],
     )
-    with _terminated(), ProgressPrinter() as progress:
+    with terminated(), ProgressPrinter() as progress:
         result = run_batch(folder, (*machines, *more), output, request, progress, _say_refused)
     if as_json:
         print_json(_view(result, output))
@@ -121,7 +112,7 @@ def command(
 
 
 @contextlib.contextmanager
-def _terminated() -> Iterator[None]:
+def terminated() -> Iterator[None]:
     """Stop as by Ctrl-C where the system ends the process, as SLURM does."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:

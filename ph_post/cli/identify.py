@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import click
 
 from ph_post.cli import options
 from ph_post.cli.log_options import log_options
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
@@ -27,6 +30,39 @@ def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, .
     return every | own
 
 
+feedback_option = click.option(
+    "--feedback",
+    multiple=True,
+    callback=_loops,
+    metavar="[AXIS=]LOOP",
+    help="Where the loop closes, without -m: load, motor or none, for all axes or such as Y=load; may be "
+    "given several times. [assumed from the sides in the log, with a note]",
+)
+
+
+def transmission_options(function: F) -> F:
+    """Add the options that say how the motor drives the screw."""
+    for option in reversed(_TRANSMISSION):
+        function = option(function)
+    return function
+
+
+_TRANSMISSION = (
+    click.option(
+        "--gear-ratio",
+        type=options.positive,
+        metavar="N",
+        help="Motor turns per turn of the screw; a new file for a load loop needs it.",
+    ),
+    click.option(
+        "--screw-lead",
+        type=options.positive,
+        metavar="MM",
+        help="Lead of the screw; a new file for a load loop needs it.",
+    ),
+)
+
+
 @click.command()
 @click.argument("source", metavar="LOG")
 @options.optional_machine
@@ -36,26 +72,8 @@ def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, .
     metavar="MACHINE.toml",
     help="Write the machine file with the identified parameters; - for standard output.",
 )
-@click.option(
-    "--feedback",
-    multiple=True,
-    callback=_loops,
-    metavar="[AXIS=]LOOP",
-    help="Where the loop closes, without -m: load, motor or none, for all axes or such as Y=load; may be "
-    "given several times. [assumed from the sides in the log, with a note]",
-)
-@click.option(
-    "--gear-ratio",
-    type=options.positive,
-    metavar="N",
-    help="Motor turns per turn of the screw; a new file for a load loop needs it.",
-)
-@click.option(
-    "--screw-lead",
-    type=options.positive,
-    metavar="MM",
-    help="Lead of the screw; a new file for a load loop needs it.",
-)
+@feedback_option
+@transmission_options
 @options.plot("the residual between the log and the identified machine")
 @log_options
 @options.common

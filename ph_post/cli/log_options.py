@@ -23,25 +23,29 @@ def _sides(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, .
     return sides
 
 
+column_option = click.option(
+    "--column",
+    "columns",
+    multiple=True,
+    metavar="NAME=SOURCE[*FACTOR]:UNIT",
+    help="Take a column from one of another name or unit, such as X_act=qm:m or X_force=vir*35.15:N; may "
+    "be given several times. recorder=NAME takes all columns as linuxcnc, siemens, twincat or odrive name them; "
+    "recorder=odrive*5 for 5 mm a turn.",
+)
+
+side_option = click.option(
+    "--side",
+    "sides",
+    multiple=True,
+    callback=_sides,
+    metavar="AXIS=SIDE",
+    help="Where X_act was read: table, motor or unknown, such as X=unknown; may be given several times. "
+    "[table, unless the log says another]",
+)
+
 _OPTIONS = (
-    click.option(
-        "--column",
-        "columns",
-        multiple=True,
-        metavar="NAME=SOURCE[*FACTOR]:UNIT",
-        help="Take a column from one of another name or unit, such as X_act=qm:m or X_force=vir*35.15:N; may "
-        "be given several times. recorder=NAME takes all columns as linuxcnc, siemens, twincat or odrive name them; "
-        "recorder=odrive*5 for 5 mm a turn.",
-    ),
-    click.option(
-        "--side",
-        "sides",
-        multiple=True,
-        callback=_sides,
-        metavar="AXIS=SIDE",
-        help="Where X_act was read: table, motor or unknown, such as X=unknown; may be given several times. "
-        "[table, unless the log says another]",
-    ),
+    column_option,
+    side_option,
     click.option(
         "--program",
         metavar="FILE",

@@ -28,6 +28,7 @@ COMMANDS = (
     "report",
     "sweep",
     "identify",
+    "fleet",
     "diagnose",
     "calibrate",
     "machines",

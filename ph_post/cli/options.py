@@ -361,6 +361,19 @@ _WRITING = (
     ),
 )
 
+workers = click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Processes of this computer.  [default: one for each processor]",
+)
+
+scheduler = click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Address of a Dask scheduler whose workers are taken, as tcp://host:8786.",
+)
+
 force = click.option(
     "--force",
     is_flag=True,

@@ -53,6 +53,9 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / "from_cam").mkdir()
     shutil.copy(PROVIDED["part.ngc"], tmp_path / "from_cam")
+    for folder, file in (("logs", "run.csv"), ("machines", "router.toml")):
+        (tmp_path / folder).mkdir()
+        shutil.copy(PROVIDED[file], tmp_path / folder / f"lathe{Path(file).suffix}")
     for snippet in blocks(ROOT / "docs" / "tutorial-curve.md", "json"):
         (tmp_path / "arch.json").write_text(snippet, encoding="utf-8")
     (tmp_path / ".local" / "share" / "FreeCAD").mkdir(parents=True)
