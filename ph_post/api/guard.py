@@ -37,15 +37,23 @@ ROUNDS: Final = 8
 """Plans that are tried before a program is left as it is."""
 
 
+ENOUGH: Final = 0.8
+"""Part of the time allowed that a plan is to take where there was more to do."""
+
+MOST: Final = 3.0
+"""Times the time that was reckoned for a plan which another one is given at most."""
+
+
 class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     """What a compensated program does to the part: the sections it makes worse, and its time over the original's.
 
-    `slowdown` is found by running it, `planned` what was reckoned for it.
+    `slowdown` is found by running it, `planned` what was reckoned for it; `rms` is the error of the whole program [m].
     """
 
     worse: frozenset[int]
     slowdown: float
     planned: float
+    rms: float = 0.0
 
 
 def compare_motions(before: ProgramMotion, after: ProgramMotion, planned: float) -> GuardFinding | None:
@@ -79,6 +87,7 @@ def compare_motions(before: ProgramMotion, after: ProgramMotion, planned: float)
         worse=frozenset(np.flatnonzero(worse).tolist()),
         slowdown=after.time / max(before.time, 1e-9) - 1.0,
         planned=planned,
+        rms=float(other[-1, 1]),
     )
 
 
@@ -139,6 +148,25 @@ def tightened(options: EditOptions, finding: GuardFinding, allowed: float, count
         less = share * finding.planned - SPARE if finding.planned > 0.0 else -1.0
     left = options.left | with_neighbours(finding.worse, options.left, count)
     return replace(options, max_slowdown=less, left=left)
+
+
+def otherwise(options: EditOptions, finding: GuardFinding, allowed: float) -> EditOptions:
+    """Return the options for another plan beside a good one that was short of time.
+
+    It takes what is left of the time where that is much, or else goes by what gains most.
+
+    Parameters
+    ----------
+    options : EditOptions
+        Of the plan that was judged, in which the time was reckoned to be too short.
+    finding : GuardFinding
+    allowed : float
+        Slowdown that was asked for.
+    """
+    more = finding.planned * min(allowed / max(finding.slowdown, 1e-9), MOST)
+    if finding.slowdown < ENOUGH * allowed and more > options.max_slowdown:
+        return replace(options, max_slowdown=more)
+    return replace(options, max_slowdown=allowed, largest_first=True)
 
 
 def with_neighbours(found: frozenset[int], left: frozenset[int], count: int) -> frozenset[int]:

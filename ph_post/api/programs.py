@@ -13,7 +13,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis
-from ph_post.api.guard import ROUNDS, SLACK, compare_motions, tightened, with_neighbours
+from ph_post.api.guard import ROUNDS, SLACK, compare_motions, otherwise, tightened, with_neighbours
 from ph_post.api.led_programs import (
     CHORD_BLOCKS,
     HOLDS,
@@ -84,7 +84,7 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
     def digest(self, dialect: str) -> str:
         """Hash of all that decides what is written, but the program and the machine's own file."""
         edit = msgspec.json.decode(msgspec.json.encode(self.edit))
-        del edit["cycle"]
+        del edit["cycle"], edit["largest_first"]
         for name in ("position_from", "overshoot", "part_side"):
             # Programs that were compensated before these options were known are still recognized.
             if not edit[name]:
@@ -193,50 +193,7 @@ def compensate_program(
     paths_said = path_mode_warnings(original, machine, dialect)
     paths_said += chord_warnings(original, machine, dialect, options.tolerance)
     paths_said += doubtful_values(machine, moved_axes(original))
-    said: tuple[str, ...] = ()
-    count = section_spans(original.motions)[0].size
-    for _ in range(ROUNDS):
-        edits = planner.plan(options)
-        edits = replace(edits, warnings=(*edits.warnings, *paths_said))
-        if edits.empty:
-            break
-        progress("writing")
-        declaration = _declaration(original, edits, machine, dialect, request)
-        data = apply_edits(original, edits, dialect, declaration)
-        progress("verifying")
-        after = reread(original, data)
-        verdict, refused = _verified(original, after, request, machine)
-        if verdict is None or not verdict.ok:
-            sections = refused if verdict is None else _failed_sections(original, after, verdict)
-            failed = with_neighbours(sections, options.left, count) - options.left
-            if not failed and verdict is not None:
-                raise _refusal(original.name, verdict)
-            failed = failed or frozenset(range(count)) - options.left
-            # What does not pass the check is left as it is.
-            options = replace(options, left=options.left | failed)
-            said = (f"not compensated in {section_words(original, options.left)}: a change would not pass the check",)
-            continue
-        motion = ProgramMotion(after, original, machine, "compensated program", progress, before)
-        made = CompensatedProgram(
-            before=original,
-            after=after,
-            declaration=declaration,
-            edits=replace(edits, warnings=(*edits.warnings, *said)),
-            windows=planner.windows,
-            verdict=verdict,
-            motions=(before, motion),
-        )
-        if not planner.offsets_axes:
-            return made
-        found = compare_motions(before, motion, edits.slowdown)
-        tighter = None if found is None else tightened(options, found, request.edit.max_slowdown, count)
-        if found is None or tighter is None:
-            return made
-        options = tighter
-        if options.left:
-            said = (f"not compensated in {section_words(original, options.left)}: the part would be no better",)
-    edits = replace(edits, warnings=(*edits.warnings, *said)) if edits.empty else _nothing_gained(original, edits)
-    return CompensatedProgram(before=original, after=original, edits=edits, windows=planner.windows)
+    return _PlanSearch(planner, before, request, tuple(paths_said), progress).run(options)
 
 
 def _verified(
@@ -402,7 +359,7 @@ class _EditPlanner:
     def __init__(
         self, program: PartProgram, machine: Machine, dialect: Dialect, request: ProgramRequest, progress: Progress
     ) -> None:
-        self._program, self._machine, self._dialect = program, machine, dialect
+        self._program, self.machine, self.dialect = program, machine, dialect
         self._request, self._progress = request, progress
         loops = [machine.axes[name].loop for name in moved_axes(program) if has_backlash(machine.axes[name])]
         if not find_traits(request.plan.strategy).compensates:
@@ -421,7 +378,7 @@ class _EditPlanner:
         return plan_windows(
             self._program,
             paths_of(self._program),
-            self._machine,
+            self.machine,
             replace(plan, max_slowdown=plan.max_slowdown * (1.0 - self._share)),
             edit.tolerance,
             self._progress,
@@ -439,8 +396,114 @@ class _EditPlanner:
         if self.offsets_axes:
             self._progress("planning offsets")
             share = replace(options, max_slowdown=options.max_slowdown * self._share)
-            edits = plan_offsets(self._program, self._machine, self._dialect, share)
+            edits = plan_offsets(self._program, self.machine, self.dialect, share)
         return edits if self._window_edits is None else merge_edits(edits, self._window_edits.edits)
+
+
+class _PlanSearch:
+    """Plans, writes and judges a program until it is good, and once more, otherwise, where the time was short.
+
+    Parameters
+    ----------
+    planner : _EditPlanner
+    before : ProgramMotion
+        Of the original.
+    request : ProgramRequest
+    warnings : tuple of str
+        Said of every plan.
+    progress : Progress
+    """
+
+    def __init__(
+        self,
+        planner: _EditPlanner,
+        before: ProgramMotion,
+        request: ProgramRequest,
+        warnings: tuple[str, ...],
+        progress: Progress,
+    ) -> None:
+        self._planner, self._before, self._request = planner, before, request
+        self._warnings, self._progress = warnings, progress
+        self._original = before.original
+        self._count = section_spans(self._original.motions)[0].size
+        self._said: tuple[str, ...] = ()
+        self._best: CompensatedProgram | None = None
+        self._rms = 0.0
+
+    def run(self, options: EditOptions) -> CompensatedProgram:
+        """Return the best plan; the program itself where none is good."""
+        for _ in range(ROUNDS):
+            edits = self._planner.plan(options)
+            edits = replace(edits, warnings=(*edits.warnings, *self._warnings))
+            if edits.empty:
+                break
+            again = self._judge(*self._written(edits), options)
+            if again is None:
+                break
+            options = again
+        if self._best is not None:
+            return self._best
+        original = self._original
+        said = replace(edits, warnings=(*edits.warnings, *self._said))
+        edits = said if edits.empty else _nothing_gained(original, edits)
+        return CompensatedProgram(before=original, after=original, edits=edits, windows=self._planner.windows)
+
+    def _written(self, edits: Edits) -> tuple[CompensatedProgram, frozenset[int]]:
+        """Write a plan, and check it: with no verdict the sections are known whose lines no controller would take."""
+        original, request, planner = self._original, self._request, self._planner
+        self._progress("writing")
+        declaration = _declaration(original, edits, planner.machine, planner.dialect, request)
+        data = apply_edits(original, edits, planner.dialect, declaration)
+        self._progress("verifying")
+        after = reread(original, data)
+        verdict, refused = _verified(original, after, request, planner.machine)
+        motion = ProgramMotion(after, original, planner.machine, "compensated program", self._progress, self._before)
+        made = CompensatedProgram(
+            before=original,
+            after=after,
+            declaration=declaration,
+            edits=replace(edits, warnings=(*edits.warnings, *self._said)),
+            windows=planner.windows,
+            verdict=verdict,
+            motions=(self._before, motion),
+        )
+        return made, refused
+
+    def _judge(self, made: CompensatedProgram, refused: frozenset[int], options: EditOptions) -> EditOptions | None:
+        """Keep a plan that is good, and better than the one before it; return the options of another to be tried."""
+        assert made.edits is not None
+        assert made.motions is not None
+        if made.verdict is None or not made.verdict.ok:
+            return None if self._best is not None else self._without_failed(made, refused, options)
+        judged = compare_motions(*made.motions, made.edits.slowdown) if self._planner.offsets_axes else None
+        if judged is None:
+            self._best = self._best or made
+            return None
+        allowed = self._request.edit.max_slowdown
+        tighter = tightened(options, judged, allowed, self._count)
+        if self._best is not None:
+            self._best = made if tighter is None and judged.rms < self._rms else self._best
+            return None
+        if tighter is not None:
+            if tighter.left:
+                where = section_words(self._original, tighter.left)
+                self._said = (f"not compensated in {where}: the part would be no better",)
+            return tighter
+        self._best, self._rms = made, judged.rms
+        return otherwise(options, judged, allowed) if made.edits.short else None
+
+    def _without_failed(self, made: CompensatedProgram, refused: frozenset[int], options: EditOptions) -> EditOptions:
+        """Leave what does not pass the check as it is."""
+        verdict = made.verdict
+        sections = refused if verdict is None else _failed_sections(self._original, made.after, verdict)
+        failed = with_neighbours(sections, options.left, self._count) - options.left
+        if not failed and verdict is not None:
+            raise _refusal(self._original.name, verdict)
+        failed = failed or frozenset(range(self._count)) - options.left
+        options = replace(options, left=options.left | failed)
+        where = section_words(self._original, options.left)
+        self._said = (f"not compensated in {where}: a change would not pass the check",)
+        return options
 
 
 def _declaration(

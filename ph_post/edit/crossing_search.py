@@ -31,7 +31,7 @@ from ph_post.edit.crossing_shapes import (
     shape_in_steps,
     shortest_time,
 )
-from ph_post.edit.crossings import ERROR, KINK, SETTLING, SHORTEST, CrossingPlace, CrossingPlanner
+from ph_post.edit.crossings import ERROR, FINE, KINK, PART, SETTLING, SHORTEST, CrossingPlace, CrossingPlanner
 from ph_post.edit.edits import CrossingEdit, OffsetShift, StopEdit
 from ph_post.edit.positions import Restart
 from ph_post.edit.preconditions import why_kept_whole
@@ -80,6 +80,9 @@ PERIODS: Final = 2.0
 
 LINE_SIZE: Final = 35.0
 """Length of a line of a crossing [bytes], for controllers that are fed over a serial line."""
+
+SOONER: Final = 0.02
+"""An axis comes from beyond its place where its motor need not be there for so much longer [s] then."""
 
 BEAM_COARSER: Final = (2.0, 4.0, 8.0)
 """Multiples of the least error that a crossing with a beam on is given before it is left alone."""
@@ -360,8 +363,10 @@ class CrossingSearch:
         lit = self._beam.is_beam & self._beam.works.on[motion]
         push = np.array([self._turning_push(name) for name in AXES])[spots.column]
         finest = np.where(np.isfinite(push), STEPS_ERROR, ERROR)
+        lost = [self._machine.axes[n].gap.lost_motion if n in self._machine.axes else 0.0 for n in AXES]
+        error = np.minimum(coarser * finest, np.maximum(FINE * finest, PART * np.array(lost)[spots.column]))
         which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, lag)
-        for number, times in enumerate((coarser, *BEAM_COARSER)):
+        for number, times in enumerate((0.0, *BEAM_COARSER)):
             if which.size:
                 window[which] = find_windows(
                     self._view,
@@ -372,7 +377,7 @@ class CrossingSearch:
                     spots.bound[which],
                     wait[which],
                     spots.feed[which],
-                    times * finest[which],
+                    np.maximum(error, times * finest)[which],
                     wanted[which],
                     push[which],
                 )
@@ -431,25 +436,27 @@ class CrossingSearch:
     def costs(self, changes: Mapping[str, Array], coarser: float) -> tuple[IntArray, IntArray, Array]:
         """Return the axis (column), the motion and the time [s] that it costs of every change, each of shape (n,)."""
         spots = self.spots(changes, coarser)
-        cost = np.zeros(spots.column.size)
+        cost, together = np.zeros(spots.column.size), np.ones(spots.column.size)
+        places = spots.rows[spots.jog, MOTION] + spots.rows[spots.jog, SHARE]
+        _, place, count = np.unique(places, return_inverse=True, return_counts=True)
+        together[spots.jog] = count[place]
         for column in np.unique(spots.column).tolist():
             axis = self._machine.axes[AXES[column]]
             own = spots.column == column
-            jogs = own & spots.jog & (spots.rows[:, BEYOND] == 0.0)
+            jogs = own & spots.jog
             # Between its ends 2 √(g/a); a corner is passed slowly anyway, which takes about half of it.
             move = math.sqrt(axis.gap.lost_motion / axis.limits.acceleration)
-            far = own & (spots.rows[:, BEYOND] == 1.0)
-            # Out there and back from it, in the air.
-            out = math.sqrt(self._overshoot[axis.name] / axis.limits.acceleration)
             passed = np.where(spots.first | (spots.rows[:, SIGN] == 0.0), 0.0, spots.rows[:, PASSED])
-            pause = self._pause(axis, coarser)
-            arrival = self._arrivals(spots.rows[jogs], axis)
-            cost[jogs] = (move + passed / self._push)[jogs] + pause + np.maximum(pause, arrival)
+            ahead, behind, beyond = self._waits(spots.rows[jogs], spots.first[jogs], axis, coarser)
+            # Out there and back from it, in the air.
+            out = 2.0 * math.sqrt(self._overshoot[axis.name] / axis.limits.acceleration)
+            # Axes that come to a place together wait together.
+            waits = (ahead + behind) / together[jogs]
+            cost[jogs] = np.where(beyond, out, move + passed[jogs] / self._push) + waits
             chords = own & (spots.window[:, 2] > 0.0)
             speed, feed = spots.window[chords, 2], spots.feed[chords]
             way = spots.window[chords, 1] - spots.window[chords, 0]
             cost[chords] = (feed - speed) ** 2 / (feed * self._push) + way / speed - way / feed
-            cost[far] += 2.0 * out + 2.0 * SETTLING * response_time(axis.servo)
         return spots.column, spots.rows[:, MOTION].astype(np.int64), cost
 
     @staticmethod
@@ -457,12 +464,24 @@ class CrossingSearch:
         """Rest before and behind a jog [s]: where the motor lags, until it has arrived; none where time is short."""
         return corner_pause(axis) if response_time(axis.servo) > 0.0 and coarser == 1.0 else 0.0
 
-    def _arrivals(self, rows: Array, axis: Axis) -> Array:
-        """Rests behind jogs (n,) [s]: between a rapid and a cut, until a motor that lags has arrived."""
+    def _waits(self, rows: Array, first: BoolArray, axis: Axis, coarser: float) -> tuple[Array, Array, BoolArray]:
+        """Rests before jogs and behind them (n,) [s], and which come from beyond their places, in the air.
+
+        Behind a rapid a motor that lags has to be there before it is called back: wholly where it crosses its backlash
+        and no more, and else half as far beyond as its table follows. A cut that began at once would begin with the
+        lag of rapid and jog.
+        """
         motion, kind = rows[:, MOTION].astype(np.int64), self._program.motions.kind
-        cuts = (kind[motion] == RAPID) & (np.append(kind, RAPID)[motion + 1] != RAPID)
-        waits = cuts & (rows[:, SHARE] == 1.0) & (rows[:, SIGN] != 0.0)
-        return np.asarray(np.where(waits, SETTLING * response_time(axis.servo), 0.0))
+        in_air = (kind[motion] == RAPID) & (rows[:, SHARE] == 1.0)
+        onto_side = in_air & (rows[:, SIGN] != 0.0)
+        reserve = max(0.5 * (self._overshoot[axis.name] - axis.gap.lost_motion), RESIDUE)
+        whole, part = _settled(axis, RESIDUE), _settled(axis, reserve)
+        beyond = onto_side & (first | (rows[:, BEYOND] == 1.0) | (whole > part + SOONER))
+        pause = np.where(in_air, 0.0, self._pause(axis, coarser))
+        cut = onto_side & (np.append(kind, RAPID)[motion + 1] != RAPID)
+        ahead = np.where(beyond, part, np.where(onto_side, whole, pause))
+        behind = np.where(cut, SETTLING * response_time(axis.servo), pause)
+        return ahead, behind, np.asarray(beyond)
 
     def plan(
         self, changes: Mapping[str, Array], coarser: float
@@ -615,25 +634,22 @@ class CrossingSearch:
         axis = self._machine.axes[name]
         lost = self._sides[name][1] - self._sides[name][0]
         behind_rapid = self._behind_rapid(row)
-        pause, velocity, beyond, ways = self._pause(axis, coarser), float(spots.feed[n]), 0.0, [travel]
-        if not behind_rapid and (sign == 0.0 or spots.before[n] == 0):
-            # Behind the last cut the path rests anyway, and where no rapid led to the first place it has to once.
-            pause = max(pause, DWELL)
-        elif behind_rapid and (spots.first[n] or row[BEYOND] == 1.0) and sign != 0.0:
-            # A motor that lags has to be there before it is called back.
-            pause, velocity, beyond = SETTLING * response_time(axis.servo), 0.0, self._overshoot[name]
+        waits = self._waits(row[None, :], spots.first[n : n + 1], axis, coarser)
+        pause, arrives, far = (one.item() for one in waits)
+        velocity, beyond, ways = float(spots.feed[n]), 0.0, [travel]
+        if far:
+            velocity, beyond = 0.0, self._overshoot[name]
             named = name in words_by_letter(self._program, int(self._program.motions.block[motion]))
             if name == "Z" and sign > 0.0:
                 # A tool is never sent below the height that is programmed: from above onto a side, then through it.
                 ways = [-beyond, lost]
             else:
                 ways = [sign * beyond] if named else [travel - sign * beyond, sign * beyond]
+        elif not behind_rapid and (sign == 0.0 or spots.before[n] == 0):
+            # Behind the last cut the path rests anyway, and where no rapid led to the first place it has to once.
+            pause = arrives = max(pause, DWELL)
         elif self._beam.tends and self._beam.works.stays[motion]:
-            pause = 0.0
-        elif behind_rapid and sign != 0.0:
-            pause = max(pause, _settled(axis))
-        # A cut that began at once would begin with the rapid's lag and with that of the jog.
-        arrives = max(pause, float(self._arrivals(row[None, :], axis)[0]))
+            pause, arrives = 0.0, arrives if behind_rapid else 0.0
         longest = max(map(abs, ways))
         # No faster than it can be on its way: from rest to rest by half of it each.
         reached = math.sqrt(axis.limits.acceleration * min(map(abs, ways)))
@@ -646,29 +662,32 @@ class CrossingSearch:
                 axis=name,
                 travel=way,
                 velocity=min(velocity, math.inf if steady else reached, axis.limits.velocity),
-                pause=arrives,
+                pause=arrives if place + 1 == len(ways) else max(pause, SETTLING * response_time(axis.servo)),
                 whole=sign != 0.0 and spots.before[n] != 0 and not behind_rapid,
             )
-            for way in ways
+            for place, way in enumerate(ways)
         )
         approach = bool(behind_rapid and sign != 0.0)
         rapid = approach and self._beam.tool == "laser"
-        behind = self._beam.off_behind(motion) if sign == 0.0 and share == 1.0 else None
-        return (
-            StopEdit(
-                motion=motion, share=share, pause=pause, shifts=shifts, approach=approach, rapid=rapid, behind=behind
-            ),
-            beyond,
+        stop = StopEdit(
+            motion=motion,
+            share=share,
+            pause=pause,
+            shifts=shifts,
+            approach=approach,
+            rapid=rapid,
+            behind=self._beam.off_behind(motion) if sign == 0.0 and share == 1.0 else None,
         )
+        return stop, beyond
 
 
-def _settled(axis: Axis) -> float:
-    """Return how long the motor of an axis lags behind a rapid by more than :data:`RESIDUE` [s].
+def _settled(axis: Axis, residue: float) -> float:
+    """Return how long the motor of an axis lags behind a rapid by more than a residue [m], in s.
 
     It is a c² away from where the command comes to rest with the acceleration a.
     """
     lag = response_time(axis.servo)
-    return lag * math.log(max(axis.limits.acceleration * lag**2 / RESIDUE, 1.0))
+    return lag * math.log(max(axis.limits.acceleration * lag**2 / residue, 1.0))
 
 
 def _regions(program: PartProgram) -> IntArray:

@@ -18,8 +18,14 @@ from ph_post.units import MM
 ERROR: Final = 1.1e-3 * MM
 """Largest error [m] that a crossing is given where the time allows it: what rounding to micrometres leaves, twice."""
 
-COARSER: Final = (2.0, 4.0)
+COARSER: Final = (2.0, 4.0, 8.0, 16.0)
 """Multiples of :data:`ERROR` that are tried where the time allowed is too short."""
+
+FINE: Final = 4.0
+"""Up to this multiple a crossing may be as coarse, whatever the backlash is."""
+
+PART: Final = 0.2
+"""Part of the backlash that coarser crossings leave: more of them is better than fewer exact ones."""
 
 SHORTEST: Final = 0.02 * MM
 """Blocks of crossings are no shorter [m]; one that would be is moved to the end of the motion beside it."""
@@ -69,7 +75,7 @@ BLOCKS: Final = 0.85
 LONE: Final = 0.75
 """Part of the wait that the motor's block lasts where there is room for no more than one."""
 
-SAMPLES: Final = 33
+SAMPLES: Final = 97
 """Places of a crossing at which its error is read off."""
 
 NOTHING: Final = 1e-12
@@ -204,9 +210,9 @@ class CrossingPlanner:
         error = self._error(knots, points, spot)
         # What goes beyond shows to a motor without lag alone.
         own = spot.shape.beyond if not spot.calm else 0.0
-        if error > (0.25 + own) * abs(float(spot.after[spot.column] - spot.before[spot.column])):
+        if error > (0.35 + own) * abs(float(spot.after[spot.column] - spot.before[spot.column])):
             return None
-        parts = self._parts(knots, points)
+        parts = self._parts(knots, points, coarse=error > FINE * ERROR)
         if not all(self._divisible[part.motion] for part in parts):
             return None
         return CrossingEdit(
@@ -387,8 +393,11 @@ class CrossingPlanner:
         inside = knots.s[0] > spot.bound[0] - outside and knots.s[-1] < spot.bound[1] + outside
         return inside and bool(np.all(np.diff(knots.s) > 0.5 * SHORTEST))
 
-    def _parts(self, knots: _Knots, points: Array) -> tuple[CrossingPart, ...]:
-        """Cut a crossing at the ends of motions; their ends are shifted onto its blocks."""
+    def _parts(self, knots: _Knots, points: Array, *, coarse: bool) -> tuple[CrossingPart, ...]:
+        """Cut a crossing at the ends of motions; their ends are shifted onto its blocks.
+
+        For which part of the path a block of a `coarse` one stands is not known so exactly: its feed is not raised.
+        """
         s = knots.s
         parts: list[CrossingPart] = []
         for n in range(1, len(s)):
@@ -400,7 +409,8 @@ class CrossingPlanner:
                 added = points[n - 1] + share[:, None] * (points[n] - points[n - 1]) - path
             else:
                 added = np.tile(knots.added[n], (ends.size, 1))
-            stretched = _stretch(s[n - 1], ends, points[n - 1], path + added) if n in knots.crosses else 1.0
+            raised = n in knots.crosses and not coarse
+            stretched = _stretch(s[n - 1], ends, points[n - 1], path + added) if raised else 1.0
             low = s[n - 1]
             for end, extra in zip(ends.tolist(), added, strict=True):
                 parts.append(self._part(low, end, extra, knots.speed[n], stretched, line=knots.line[n]))

@@ -11,6 +11,7 @@ from itertools import groupby, pairwise
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.gcode.motion_parts import part_length
 from ph_post.gcode.program import Motions
@@ -118,7 +119,8 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     that is exact on the side of its zero may need no offset.
     `joints` are shares at which motions with crossings are divided besides, by motion.
     `kept` [m/s]: speed that is kept in what crossings leave of a motion, where that is less than its feed.
-    `slowdown` is what stops and crossings are reckoned to cost, relative; `warnings` name what is not compensated.
+    `slowdown` is what stops and crossings are reckoned to cost, relative; `short` says that more would have cost more
+    than is allowed; `warnings` name what is not compensated.
     """
 
     offset: Array
@@ -132,6 +134,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     joints: Mapping[int, Sequence[float]] = {}
     kept: Mapping[int, float] = {}
     slowdown: float = 0.0
+    short: bool = False
     warnings: tuple[str, ...] = ()
 
     @property
@@ -164,6 +167,7 @@ def merge_edits(a: Edits, b: Edits) -> Edits:
         joints={**a.joints, **b.joints},
         kept={**a.kept, **b.kept},
         slowdown=a.slowdown + b.slowdown,
+        short=a.short or b.short,
         warnings=tuple(dict.fromkeys((*a.warnings, *b.warnings))),
     )
 
@@ -173,8 +177,18 @@ def _stop_place(stop: StopEdit) -> tuple[int, float]:
 
 
 def join_stops(stops: Sequence[StopEdit]) -> StopEdit:
-    """Make one stop of stops at one place: the longest of their pauses, their shifts one after the other."""
+    """Make one stop of stops at one place: the longest of their pauses, their shifts one after the other.
+
+    In the air the axes wait for their motors together, when all have been shifted.
+    """
     first = stops[0]
+    if all(one.approach for one in stops):
+        longest = max(one.shifts[-1].pause for one in stops)
+        rests = [0.0] * (len(stops) - 1) + [longest]
+        stops = [
+            replace(one, shifts=(*one.shifts[:-1], replace(one.shifts[-1], pause=rest)))
+            for one, rest in zip(stops, rests, strict=True)
+        ]
     shifts = tuple(shift for stop in stops for shift in stop.shifts)
     return StopEdit(
         motion=first.motion,
@@ -218,6 +232,8 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         Sections in which no axis gets an offset, see :func:`~ph_post.edit.reversals.section_spans`.
     cycle : float
         Time of the program as its controller runs it [s], 0 where that is not known.
+    largest_first : bool
+        Where the time is short spend it on what gains most, in place of what gains most for its time.
     position_from : {0, 1, -1}
         Side from which axes come to places to which a rapid brings them, and at which they rest while the tool cuts;
         0 for either.
@@ -234,6 +250,7 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     block_time: float = BLOCK_TIME
     left: frozenset[int] = frozenset()
     cycle: float = 0.0
+    largest_first: bool = False
     position_from: int = 0
     overshoot: float | None = None
     part_side: int = 0

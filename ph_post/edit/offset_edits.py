@@ -127,7 +127,7 @@ class ReversalSearch:
         self.low = np.union1d(within, self._whole)
         self.high = np.append(self.low[1:], program.motions.kind.size)
         cuts = np.where(program.motions.kind != RAPID, self.times, 0.0)
-        self.cut_times = np.add.reduceat(cuts, self.low)
+        self._clock = np.append(0.0, np.cumsum(cuts))
         opened = sections[np.searchsorted(within, self.low, side="right") - 1]
         opened &= np.logical_or.reduceat(program.motions.kind != RAPID, self.low)
         for begin, end in left:
@@ -158,6 +158,7 @@ class ReversalSearch:
             part_side=options.part_side,
         )
         self._given_up: dict[tuple[str, str], set[int]] = {}
+        self._for_now: list[tuple[str, int, str]] = []
 
     def changes(self, band: dict[str, float]) -> dict[str, Array]:
         """Find the changes of every axis, and those to no offset at the ends of chains; rows as of `find_reversals`."""
@@ -255,16 +256,38 @@ class ReversalSearch:
         """Return the time that changes cost [s], with errors of crossings up to a multiple of the least."""
         return self.crossings.cost(changes, coarser)
 
-    def give_up(self, name: str, section: int, why: str) -> None:
-        """Leave an axis uncompensated in a section, for a reason that warnings give."""
+    def gain(self, name: str, rows: Array) -> Array:
+        """Squares of the offsets of an axis, summed over the time [m² s] in which the tool cuts in sections, (s,)."""
+        motion, ends = rows[:, MOTION].astype(np.int64), self._clock[np.append(self.low, self.times.size)]
+        if not motion.size:
+            return np.zeros(self.low.size)
+        at = self._clock[motion] + rows[:, SHARE] * (self._clock[motion + 1] - self._clock[motion])
+        minus, plus = self.sides[name]
+        square = np.where(rows[:, SIGN] > 0.0, plus**2, np.where(rows[:, SIGN] < 0.0, minus**2, 0.0))
+        at = np.append(at, self._clock[-1])
+        return np.diff(np.interp(ends, at, np.append(0.0, np.cumsum(square * np.diff(at)))))
+
+    def give_up(self, name: str, section: int, why: str, *, for_now: bool = False) -> None:
+        """Leave an axis uncompensated in a section, for a reason that warnings give, or `for_now`."""
+        if for_now:
+            self._for_now.append((name, section, why))
         self.open[name][section] = False
         self._given_up.setdefault((name, why), set()).add(section)
+
+    def take_again(self) -> None:
+        """Take again what was left for now."""
+        for name, section, why in self._for_now:
+            self.open[name][section] = True
+            self._given_up[name, why].discard(section)
+        self._for_now.clear()
 
     @property
     def warnings(self) -> list[str]:
         """What is not compensated, a warning for each axis and reason."""
         found = []
         for (name, why), sections in self._given_up.items():
+            if not sections:
+                continue
             where = _stretch_words(self.program, [(int(self.low[n]), int(self.high[n])) for n in sorted(sections)])
             found.append(f"axis {name} not compensated in {where}: {why}")
         return found
@@ -321,13 +344,15 @@ def _stretch_words(program: PartProgram, stretches: Sequence[tuple[int, int]]) -
 class AffordedChanges(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Changes within the time allowed: by axis the rows of :func:`~ph_post.edit.reversals.find_reversals`.
 
-    `coarser` is the largest error of crossings as a multiple of the least, `slowdown` what they cost, relative.
+    `coarser` is the largest error of crossings as a multiple of the least, `slowdown` what they cost, relative;
+    `short` where that is too much for all of them.
     """
 
     changes: dict[str, Array]
     coarser: float
     slowdown: float
     warnings: list[str]
+    short: bool = False
 
 
 def affordable_reversals(search: ReversalSearch, options: EditOptions) -> AffordedChanges:
@@ -350,7 +375,9 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
         if cost <= allowed:
             return AffordedChanges(changes=found, coarser=coarser, slowdown=cost / total, warnings=search.warnings)
     budget = allowed
-    for _ in range(LEAVING_ROUNDS):
+    for number in range(LEAVING_ROUNDS):
+        if number:
+            search.take_again()
         _leave_costly(search, options, budget, round_up(every / total))
         # What is left may cost more once its neighbours are gone.
         cost = search.cost(_search_raised(search, options, 1.0), COARSER[-1])
@@ -373,28 +400,33 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
         coarser=COARSER[-1],
         slowdown=search.cost(found, COARSER[-1]) / total,
         warnings=[*search.warnings, *(said if any(len(rows) for rows in found.values()) else [])],
+        short=True,
     )
 
 
 def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, need: float) -> None:
     """Leave sections alone, or axes in them, until the widest dead band keeps within the time allowed.
 
-    First go those that cost most for what they gain: the squares of the backlash for as long as they cut.
+    First go those that cost most for what they gain: the squares of the offsets for as long as they cut with them. What
+    is cheap may leave too little time for what gains most: that can be asked for first.
     """
-    cost = _section_costs(search, _search_raised(search, options, 1.0))
+    found = _search_raised(search, options, 1.0)
+    cost = _section_costs(search, found)
     total = sum(float(one.sum()) for one in cost.values())
     if total <= allowed:
         return
-    gain = {name: search.amplitude[name] ** 2 * search.cut_times for name in cost}
-    together = [(set(cost), n) for n in range(search.low.size)]
-    alone = [({name}, n) for n in range(search.low.size) for name in cost]
-    left: set[tuple[str, int]] = {(name, n) for name in cost for n in np.flatnonzero(cost[name]).tolist()}
+    gain = {name: search.gain(name, rows) for name, rows in found.items()}
+
+    left = {(name, n) for name in cost for n in np.flatnonzero(cost[name]).tolist()}
     spent = 0.0
-    for units in (together, alone):
+    for units in (
+        [(set(cost), n) for n in range(search.low.size)],
+        [({name}, n) for n in range(search.low.size) for name in cost],
+    ):
 
         def worth(unit: tuple[set[str], int]) -> float:
             names, n = unit
-            price = sum(float(cost[name][n]) for name in names)
+            price = 1.0 if options.largest_first else sum(float(cost[name][n]) for name in names)
             return sum(float(gain[name][n]) for name in names) / max(price, 1e-12)
 
         for names, n in sorted(units, key=worth, reverse=True):
@@ -408,7 +440,7 @@ def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, 
         price = float(cost[name][own].sum())
         for n in own:
             why = f"its crossings would cost {price:.2g} s; --max-slowdown {need:g} would allow them"
-            search.give_up(name, n, why)
+            search.give_up(name, n, why, for_now=True)
 
 
 def _section_costs(search: ReversalSearch, found: dict[str, Array]) -> dict[str, Array]:
@@ -494,6 +526,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         kept=search.crossings.kept(crossings),
         joints=chord_joints(program.motions, machine, crossings),
         slowdown=afforded.slowdown,
+        short=afforded.short,
     )
     warnings = [*said, *warn_blocked(program, blocked), *warn_unknown(program, amplitude), *afforded.warnings]
     warnings += beam.warn_left([runs[run] for run in sorted(unmarked)])

@@ -21,6 +21,7 @@ from ph_post.verify.pairing import (
     StretchSide,
     crossing_axes,
     declared_lengths,
+    declared_sides,
     dwell_beside,
     format_shifts,
     is_declared,
@@ -243,10 +244,11 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
     for name, amount in case.declared.offsets.items():
         axis, band = AXES.index(name), max(case.band, amount.metres)
         chain = np.where(crossing[:, axis] & pairing.crossed, _ANEW, still)
-        # Beyond an approach an axis is on neither side.
-        sides = np.rint(pairing.after[:, axis] / amount.metres)
-        sign = np.where(np.abs(sides) > 1.0, 0.0, sides).astype(np.int8)
-        sign[np.abs(pairing.after[:, axis] - sign * amount.metres) > EXACT] = 0
+        # Beyond an approach an axis is on neither side, be it by as much as the offset that only its other side has.
+        sign = np.zeros(motions.kind.size, dtype=np.int8)
+        for one, offset in zip((-1, 1), declared_sides(case.declared)[axis], strict=True):
+            if offset != 0.0:
+                sign[np.abs(pairing.after[:, axis] - offset) <= EXACT] = one
         ends = (motions.start[:, axis], motions.end[:, axis])
         shift = (pairing.before[:, axis], pairing.after[:, axis])
         places = np.ascontiguousarray(lines.points[:, axis])

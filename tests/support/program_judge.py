@@ -276,8 +276,9 @@ def measure(program: Played, path: Stretches, machine) -> Measured:
     runs = program.run_of[rows]
     motors = _motors(program.motor, machine)
     band = [motors if way is program.motor else _motors(way, machine) for way in (program.free, program.exact)]
-    way = np.maximum(*(np.linalg.norm(np.diff(one, axis=0), axis=1) for one in band))
-    way, near = np.append(0.0, np.cumsum(way)), NEAR + LONG * gaps_of(machine).max()
+    steps = [np.linalg.norm(np.diff(one, axis=0), axis=1) for one in band]
+    # A controller that merges short moves jumps to the last of them: the exact path does with it, the motors do not.
+    way, step, near = np.append(0.0, np.cumsum(steps[0])), np.maximum(*steps), NEAR + LONG * gaps_of(machine).max()
     first: tuple[Floats, Floats, Floats] | None = None
     found = []
     every = sides_of(machine)
@@ -295,7 +296,7 @@ def measure(program: Played, path: Stretches, machine) -> Measured:
             which = (table != first[0]).any(axis=1)
             error, gap = first[1].copy(), first[2].copy()
         error[which] = 1e-3 * np.linalg.norm(table[which] - path.nearest(table[which], runs[which])[0], axis=1)
-        gap[which] = 1e-3 * _from_band(table[which], rows[which], *band, way, near)
+        gap[which] = 1e-3 * _from_band(table[which], rows[which], *band, way, step, near)
         first = first or (table, error, gap)
         found.append((error, gap))
     worst = Sizes(*(max(values) for values in zip(*(_sizes(error) for error, _ in found), strict=True)))
@@ -310,8 +311,11 @@ def _sizes(error: Floats) -> tuple[float, float, float]:
 
 
 @numba.njit(cache=True)
-def _from_band(points, rows, one, other, way, near):  # type: ignore[no-untyped-def]
-    """Distances (n,) of points from all straight lines between two ways, no farther along these than `near`."""
+def _from_band(points, rows, one, other, way, step, near):  # type: ignore[no-untyped-def]
+    """Distances (n,) of points from all straight lines between two ways, no farther along the first than `near`.
+
+    From row to row neither goes farther than `step` (m - 1,).
+    """
     found = np.empty(len(points))
     for n in range(len(points)):
         low = np.searchsorted(way, way[rows[n]] - near)
@@ -321,7 +325,7 @@ def _from_band(points, rows, one, other, way, near):  # type: ignore[no-untyped-
             away[k - low] = _from_line(points[n], one[k], other[k])
         least = away.min()
         for k in range(low, high - 1):
-            if min(away[k - low], away[k - low + 1]) - (way[k + 1] - way[k]) < least:
+            if min(away[k - low], away[k - low + 1]) - step[k] < least:
                 least = min(least, _between(points[n], one[k : k + 2], other[k : k + 2]))
         found[n] = least
     return found
