@@ -50,7 +50,7 @@ def disagreement(problem: AxisProblem, fitted: FittedModel, number: int) -> Disa
     worst = Disagreement("", 1.0)
     if total <= 0.0:
         return worst
-    for names, kinds in _regimes(problem):
+    for names, kinds in regimes(problem):
         kind = np.concatenate([kinds[use & one.ok] for one in problem.observed])
         own = np.bincount(kind + 1, weights=adds * adds, minlength=len(names) + 1)[1:]
         fits = np.bincount(kind + 1, weights=adds * rows, minlength=len(names) + 1)[1:]
@@ -71,7 +71,7 @@ def _others(fitted: FittedModel, number: int, rows: int) -> Array:
     return np.asarray(u[:, s > 1e-10 * s.max(initial=0.0)])
 
 
-def _regimes(problem: AxisProblem) -> Iterator[tuple[tuple[str, ...], IntArray]]:
+def regimes(problem: AxisProblem) -> Iterator[tuple[tuple[str, ...], IntArray]]:
     """Yield ways to sort the samples (n,): the names of the regimes, and the number of each sample's, or -1."""
     speed = np.abs(problem.speed)
     moving = problem.counted & (speed > MOVES * np.max(speed, initial=0.0))

@@ -155,6 +155,11 @@ def _steps(outcomes: Sequence[AxisDiagnosis], before: Sequence[Mapping[Channel, 
             at[number] = outcome.choice.stages[count].left
             label = f"{part.hypothesis.name}:{outcome.problem.axis.name}"
             steps.append(_step(label, outcomes, at))
+        if outcome.sides is not None:
+            at[number] = outcome.fitted.left
+            label = f"backlash:{outcome.problem.axis.name}"
+            if all(step.added != label for step in steps):
+                steps.append(_step(label, outcomes, at))
     return tuple(steps)
 
 

@@ -15,13 +15,15 @@ from ph_post.diagnose.fit import FittedModel, ModelPart, covariance, fit_model, 
 from ph_post.diagnose.hypotheses import OF_THE_AXIS
 from ph_post.diagnose.search import with_noise
 from ph_post.diagnose.selection import ModelChoice, without
+from ph_post.diagnose.sides import SidesGap, gap_between
 from ph_post.drive.axes import backlash_varies
 from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
 from ph_post.identify.estimates import KEYS, relative_uncertainty, with_keys
-from ph_post.identify.free_run import AxisProblem, mean_square, predict
+from ph_post.identify.free_run import AxisProblem, mean_square, predict, residuals
+from ph_post.quantities import micrometres
 from ph_post.types import Array, Axis, EffectSetting
-from ph_post.types.diagnosis import DroppedName, Estimate, Finding
+from ph_post.types.diagnosis import Channel, DroppedName, Estimate, Finding
 from ph_post.units import MM
 
 MOVED: Final = 0.1
@@ -36,6 +38,15 @@ _SHOP: Final = {"lost_motion": ("mm", MM), "b": ("s²", 1.0), "c": ("s", 1.0)}
 
 LEFT: Final = 2.0
 """Times the noise above which what is left at the end is looked at."""
+
+VARYING: Final = "position_dependent_backlash"
+"""Name beside which one width says nothing."""
+
+SURE: Final = 5.0
+"""Standard errors from which on a gap is another than the file's."""
+
+SAME_GAP: Final = 0.05
+"""Part by which it is another at least."""
 
 EXPLAINED: Final = 0.92
 """Part of the excess that names explain together, from which on each is taken to be right."""
@@ -56,6 +67,7 @@ class AxisDiagnosis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     fitted: FittedModel
     found: tuple[FittedEffect, ...]
     dropped: tuple[DroppedName, ...] = ()
+    sides: SidesGap | None = None
     gain: float | None
     """K as the file has it, or as the effort shows it, in the effort's unit over metres."""
 
@@ -83,9 +95,32 @@ def fit_chosen_model(choice: ModelChoice) -> AxisDiagnosis:
         count = len(part.numbers)
         found.append(_found(problem, part, spread[at : at + count, at : at + count]))
         at += count
+    sides, left = _between_sides(problem, fitted)
     return AxisDiagnosis(
-        choice=choice, fitted=fitted, found=tuple(found), dropped=tuple(dropped), gain=_gain(problem, fitted)
+        choice=choice,
+        fitted=replace(fitted, left=left),
+        found=tuple(found),
+        dropped=tuple(dropped),
+        sides=sides,
+        gain=_gain(problem, fitted),
     )
+
+
+def _between_sides(problem: AxisProblem, fitted: FittedModel) -> tuple[SidesGap | None, Mapping[Channel, Array]]:
+    """Return the backlash that both sides show where a model misses them, and what is left with it in the model."""
+    named = {part.hypothesis.name for part in fitted.model.parts}
+    misses = any(
+        mean_square(fitted.left[one.channel], problem.counted & one.ok) > (LEFT * one.noise) ** 2
+        for one in problem.positions
+    )
+    sides = gap_between(problem) if misses and VARYING not in named else None
+    plant = plant_at(problem, fitted.model)
+    if sides is None or abs(sides.width - plant.gap) < max(SURE * sides.error, SAME_GAP * sides.width):
+        return None, fitted.left
+    with_gap = residuals(problem, replace(plant, gap=sides.width), fitted.model.origin_free)
+    use = problem.counted & problem.channel("act").ok
+    better = mean_square(with_gap["act"], use) < mean_square(fitted.left["act"], use)
+    return sides, with_gap if better else fitted.left
 
 
 def _doubtful(choice: ModelChoice, fitted: FittedModel) -> tuple[int, str] | None:
@@ -159,7 +194,30 @@ def findings_of(
                 keys=keys,
             )
         )
+    if outcome.sides is not None:
+        keys = {key: value for one in findings if one.name == "backlash" for key, value in one.keys.items()}
+        findings = [one for one in findings if one.name != "backlash"]
+        findings.append(_sides_finding(problem, outcome.sides, keys))
     return tuple(findings)
+
+
+def _sides_finding(problem: AxisProblem, sides: SidesGap, others: Mapping[str, float]) -> Finding:
+    """Put a backlash that both sides show into a finding; `others` are keys that go with it."""
+    name = problem.axis.name
+    explains = f"{micrometres(sides.before)} µm rms of their difference without it, {micrometres(sides.after)} with it"
+    evidence = (
+        f"both sides show it without a model of the servo: {explains}",
+        "the model of the servo misses this log, so that its size is from the two readings alone",
+    )
+    return Finding(
+        name="backlash",
+        axis=name,
+        parameters={"lost_motion": Estimate(value=sides.width / MM, stderr=sides.error / MM, unit="mm")},
+        where=f"in {name}_motor less {name}_act, whatever the servo does",
+        evidence=evidence,
+        confidence=0.99,
+        keys={**others, KEYS["lost_motion"]: float(f"{sides.width / MM:.7g}")},
+    )
 
 
 def _ways(effect: Effect, gives: str, axis: Axis) -> tuple[Parameter, float | None]:

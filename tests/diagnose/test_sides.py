@@ -1,0 +1,74 @@
+"""Backlash by both sides of an axis whose servo is another than the file's: a cascade with feed-forward."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import signal
+from support.engine_cases import make_axis, make_machine
+
+from ph_post.diagnose.diagnose import diagnose
+from ph_post.diagnose.sides import gap_between
+from ph_post.identify.free_run import AxisProblem, problem_of
+from ph_post.identify.log_quality import examine
+from ph_post.types import AxisLog, Log, Machine
+
+Array = NDArray[np.float64]
+T = 1e-3 * np.arange(8000)
+UM = 1e-6
+
+
+def cascade(command: Array, lead: float = 0.95) -> Array:
+    """P position, PI velocity, velocity feed-forward."""
+    gain, speed, rate = 40.0, 250.0, 30.0
+    a = [[0.0, 1.0, 0.0], [-speed * gain, -speed, speed * rate], [-gain, -1.0, 0.0]]
+    b = [[0.0, 0.0], [speed * gain, speed * lead], [gain, lead]]
+    both = np.stack([command, np.gradient(command, 1e-3)], axis=1)
+    return np.asarray(signal.lsim((a, b, [[1.0, 0.0, 0.0]], [[0.0, 0.0]]), both, T)[1])
+
+
+def friction_held(motor: Array, gap: float) -> Array:
+    at, found = motor[0], []
+    for place in motor:
+        at = np.clip(at, place - 0.5 * gap, place + 0.5 * gap)
+        found.append(at)
+    return np.array(found)
+
+
+def logged(gap: float, seed: int = 1, grows: bool = False) -> tuple[Log, Machine]:
+    command = 8e-3 * np.sin(2.0 * np.pi * np.cumsum(0.3 + 1.2 * (T / T[-1]) ** 2) * 1e-3)
+    motor = cascade(command)
+    noise = 0.15 * UM * np.random.default_rng(seed).standard_normal((2, T.size))
+    table = motor - gap * np.gradient(motor, 1e-3) / 0.05 if grows else friction_held(motor, gap)
+    axes = {"X": AxisLog(command=command, table=table + noise[0], motor=motor + noise[1])}
+    machine = make_machine([make_axis("motor", 1e-4, 4.5e-3, 0.0)], 1e-3)
+    return Log(name="cascade", t=T, period=1e-3, axes=axes), machine
+
+
+def problem(log: Log, machine: Machine) -> AxisProblem:
+    found = problem_of(log, "X", machine.axes["X"], examine(log, machine))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("gap", [3.0, 20.0, 90.0])
+def test_the_gap_is_sized_whatever_the_servo_does(gap: float) -> None:
+    found = gap_between(problem(*logged(gap * UM)))
+    assert found is not None
+    assert found.width == pytest.approx(gap * UM, rel=0.02, abs=0.05 * UM)
+    assert found.after < 0.3 * UM
+
+
+def test_no_gap_is_found_where_the_sides_differ_by_the_speed_or_by_noise() -> None:
+    assert gap_between(problem(*logged(0.0))) is None
+    assert gap_between(problem(*logged(20.0 * UM, grows=True))) is None
+
+
+@pytest.mark.slow
+def test_a_gap_behind_a_servo_that_the_file_does_not_have_is_named() -> None:
+    log, machine = logged(20.0 * UM)
+    said = diagnose(log, machine)
+    backlash = next(one for one in said.findings if one.name == "backlash")
+    assert backlash.parameters["lost_motion"].value == pytest.approx(0.02, rel=0.02)
+    assert said.machine.axes["X"].gap.lost_motion == pytest.approx(20.0 * UM, rel=0.02)
