@@ -207,7 +207,7 @@ def motion_offsets(offset: Array, tasks: Sequence[MotionEdit], step: float) -> M
     for task in tasks:
         if 1.0 in task.stops:
             word[task.motion] -= net_shift(task.stops[1.0], step).astype(np.int32)
-        if task.crossed:
+        if not task.whole:
             # Its line is written anew, with words of its own.
             word[task.motion] = 0
     return MotionOffsets(after=after, word=word)

@@ -222,3 +222,17 @@ def test_what_stands_behind_an_unknown_label_is_passed_through():
     text = b"0 BEGIN PGM A MM\n1 L X+0 Y+0 F100\n2 L X+9\n3 CALL LBL 7 REP 2\n4 L X+1\n5 END PGM A MM\n"
     program = compensate(text, MACHINE, dialect="heidenhain").program
     assert [(note.first, note.last, note.what) for note in program.notes] == [(3, 5, "label that is not known: 7")]
+
+
+def test_the_centre_of_a_circle_that_is_divided_by_stops_stays():
+    """Short circles about centres of lines of their own, with corners between them."""
+    lines = ["0 BEGIN PGM A MM", "1 L X+0 Y+0 Z+1 R0 FMAX", "2 L Z-1 F300"]
+    for k in range(40):
+        x, y = 20.0 * np.cos(0.3 * k), 20.0 * np.sin(0.3 * k)
+        lines += (
+            [f"3 CC X{x - 1:+.3f} Y{y:+.3f}", "4 CP IPA+20 DR+"] if k % 4 == 3 else [f"5 L X{x:+.3f} Y{y:+.3f} F900"]
+        )
+    text = "\n".join([*lines, "6 L Z+5 FMAX", "7 END PGM A MM", ""]).encode()
+    one = compensate(text, MACHINE, dialect="heidenhain")
+    assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=MACHINE).ok
+    assert undo(one.text, "a.h") == text

@@ -50,7 +50,7 @@ _MACHINE: Final = frozenset((91, 92))
 _POLAR: Final = re.compile(r"[CL]P\b|C\b")
 """What uses the pole."""
 
-_FEED: Final = re.compile(rf"(?:L|C)[A-Z]?\b.*?(?<![A-Z])F\s*({NUMBER})")
+_FEED: Final = re.compile(rf"(?:L|C)[A-Z]?\b.*?(?<![A-Z])F\s*({NUMBER}|Q[LRS]?\d+)")
 """A feed in a block that moves, which stays in force whatever else is in it."""
 
 _STEP: Final[Mapping[str, Decimal]] = {"G21": Decimal("0.0001"), "G20": Decimal("0.00001")}
@@ -143,7 +143,10 @@ class Tnc:
             column = source.find(found.text) + 1 if found.text else 1
             self.remarks[len(self.texts)] = Remark(what=str(found), column=max(column, 1))
             feed = _FEED.match(source)
-            text = joined(f"F{number_of(feed[1])}" if feed else "", FORGOTTEN)
+            number = None if feed is None else number_of(feed[1]) or self.parameters.get(feed[1])
+            if number is not None and feed is not None and number_of(feed[1]) is None:
+                self.feeds[len(self.texts)] = number
+            text = joined("" if number is None else f"F{number}", FORGOTTEN)
         self.add(text)
 
     def add(self, text: str) -> None:
