@@ -27,10 +27,12 @@ from ph_post.edit.window_plans import WindowPlan
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.paths import ProgramPath, line_words, paths_of
 from ph_post.gcode.program import RAPID, PartProgram
+from ph_post.geometry.piecewise import MEETS
+from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress, prefixed
 from ph_post.simulate.assess import is_nominal, run_scenarios
 from ph_post.simulate.contour import ContourError
-from ph_post.types import Array, IntArray, Machine, Scenario, frozen
+from ph_post.types import Array, IntArray, Machine, Scenario
 from ph_post.units import MICROMETRE
 
 OVERRIDES: Final = (0.5, 1.0, 1.2)
@@ -44,12 +46,6 @@ REST: Final = 8.0
 
 SHARE: Final = 0.5
 """Part of the time allowed that these rests may take; where they take more there are none."""
-
-LEAST_ROWS: Final = 2
-"""Rows of a command that make a motion."""
-
-PLACE: Final = 1e-9
-"""Places on a path [m] this close are the same."""
 
 
 class OverrideError(msgspec.Struct, frozen=True, kw_only=True):
@@ -147,15 +143,14 @@ def plan_lead(
         return LeadPlan(stretches=(), free=(), plans=(), warnings=tuple(f"not led: {trouble}" for trouble in troubles))
     paths = [path[0]] if path is not None else list(paths_of(program))
     wanted, said = _wanted(program, paths)
-    begins = [int(one.motion[first]) for one, rows in wanted for first, _ in rows]
-    count = sum(1 if _after_rapid(program, first) is None else 2 for first in begins)
+    count = sum(1 if _after_rapid(program, int(one.motion[0])) is None else 2 for one in wanted)
     pause = REST * max((machine.axes[name].servo.b for one in paths for name in one.path.axes), default=0.0) ** 0.5
     cost = count * pause
     pause = pause if cost <= SHARE * options.max_slowdown * time else 0.0
     spare = cost / time if pause > 0.0 else 0.0
-    whole = sum(float(one.s[-1]) for one in paths)
+    whole = sum(float(one.s[-1]) for one in wanted)
     found = LeadPlan(stretches=(), free=(), plans=(), warnings=())
-    for one, rows in wanted:
+    for one in wanted:
         where = line_words(*program.motions.block[one.motion[[0, -1]]].tolist())
         report = prefixed(progress, where)
         own = replace(
@@ -167,7 +162,7 @@ def plan_lead(
             effort=options.effort * float(one.s[-1]) / whole,
             max_slowdown=max(options.max_slowdown - spare, 0.0),
         )
-        analysis = path[1] if path is not None else analyse(one.path, machine, tolerance)
+        analysis = path[1] if path is not None and one is path[0] else analyse(one.path, machine, tolerance)
         report("planning")
         try:
             plan = make_plan(analysis, own, report)
@@ -175,58 +170,63 @@ def plan_lead(
             said.append(f"{where} not led: {error}")
             continue
         made = WindowPlan(path=one, analysis=analysis, plan=plan)
-        said += [word for word in plan.warnings if not word.startswith("the table begins")]
-        found = _joined(found, _stretches(program, made, rows, pause))
+        words = (word for word in plan.warnings if not word.startswith("the table begins"))
+        said += [word if len(wanted) == 1 else f"{where}: {word}" for word in words]
+        found = _joined(found, _stretch(program, made, pause))
     return replace(found, warnings=tuple(dict.fromkeys(said)))
 
 
-def _wanted(
-    program: PartProgram, paths: Sequence[ProgramPath]
-) -> tuple[list[tuple[ProgramPath, list[tuple[int, int]]]], list[str]]:
-    """Paths with the rows of the cuts that can be led, and words about the others."""
+def _wanted(program: PartProgram, paths: Sequence[ProgramPath]) -> tuple[list[ProgramPath], list[str]]:
+    """Cuts that can be led, each between rapids a path of its own, and words about the others."""
     reasons, said = _blocked(program), []
     wanted = []
     for one in paths:
-        rows = []
         for first, last in _cuts(program, one):
             low, high = one.motion[[first, last]].tolist()
             why = reasons.get(one.chain, "") or why_not_led(program, low, high)
             if why:
                 said.append(f"{line_words(*program.motions.block[[low, high]].tolist())} not led: {why}")
             else:
-                rows.append((first, last))
-        wanted += [(one, rows)] if rows else []
+                wanted.append(_part(one, first, last))
     return wanted, said
 
 
-def _stretches(program: PartProgram, made: WindowPlan, rows: Sequence[tuple[int, int]], pause: float) -> LeadPlan:
-    """Take the stretches of the cuts between `rows` of a path out of its plan."""
+def _part(path: ProgramPath, first: int, last: int) -> ProgramPath:
+    """Return the part of a path that a cut is, from its first to its last row; the path itself where that is all."""
+    if (first, last) == (0, path.motion.size - 1):
+        return path
+    track = Track(path.path)
+    begin, end = path.s[first] - MEETS, path.s[last + 1] - MEETS
+    segments = np.unique(track.segment[(track.starts[:-1] >= begin) & (track.starts[:-1] < end)]).tolist()
+    return replace(
+        path,
+        path=replace(path.path, segments=tuple(path.path.segments[n] for n in segments), closed=False),
+        motion=path.motion[first : last + 1],
+        s=path.s[first : last + 2] - path.s[first],
+        cubics={row - first: curve for row, curve in path.cubics.items() if first <= row <= last},
+    )
+
+
+def _stretch(program: PartProgram, made: WindowPlan, pause: float) -> LeadPlan:
+    """Return the stretch of a cut, as it was planned."""
     path, plan, track = made.path, made.plan, made.analysis.track
     period = plan.machine.servo_period
     command = bare = command_of(plan, track, period)
     if plan.crossings or any(plan.bias.values()):
         bare = command_of(replace(plan, crossings=(), bias={}), track, period)
-    away = np.zeros(command.t.size) if command.offset is None else np.linalg.norm(command.offset, axis=1)
-    reach = 0.0
-    found: list[LeadStretch] = []
-    free: list[LeadStretch] = []
-    for begin, end in rows:
-        low, high = np.searchsorted(command.s, [path.s[begin] - PLACE, path.s[end + 1] + PLACE]).tolist()
-        if high - low < LEAST_ROWS:
-            continue
-        first, reach = int(path.motion[begin]), max(reach, float(away[low:high].max()))
-        stretch = LeadStretch(
-            first=first,
-            last=int(path.motion[end]),
-            axes=path.path.axes,
-            t=frozen(command.t[low:high]),
-            position=frozen(command.position[low:high]),
-            pause=pause,
-            after_rapid=_after_rapid(program, first),
-        )
-        found.append(stretch)
-        free.append(replace(stretch, position=frozen(bare.position[low:high])))
-    return LeadPlan(stretches=tuple(found), free=tuple(free), plans=(made,), warnings=(), reach=reach)
+    reach = 0.0 if command.offset is None else float(np.linalg.norm(command.offset, axis=1).max())
+    first = int(path.motion[0])
+    stretch = LeadStretch(
+        first=first,
+        last=int(path.motion[-1]),
+        axes=path.path.axes,
+        t=command.t,
+        position=command.position,
+        pause=pause,
+        after_rapid=_after_rapid(program, first),
+    )
+    free = (replace(stretch, position=bare.position),)
+    return LeadPlan(stretches=(stretch,), free=free, plans=(made,), warnings=(), reach=reach)
 
 
 def _after_rapid(program: PartProgram, first: int) -> int | None:

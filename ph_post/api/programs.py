@@ -13,7 +13,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis
-from ph_post.api.guard import ROUNDS, SLACK, compare_motions, otherwise, tightened, with_neighbours
+from ph_post.api.guard import LEAST, ROUNDS, SLACK, compare_motions, otherwise, tightened, with_neighbours
 from ph_post.api.led_programs import (
     CHORD_BLOCKS,
     HOLDS,
@@ -28,7 +28,7 @@ from ph_post.api.results import ProgramMotion
 from ph_post.bounds import LONGEST_SIMULATED
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan_warnings import doubtful_values
-from ph_post.compensate.strategies.registry import find_traits
+from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.dialects.base import Dialect
 from ph_post.dialects.declaration import Declaration, line_origins, read_declaration
 from ph_post.dialects.registry import find_dialect
@@ -56,6 +56,9 @@ from ph_post.verify.verdict import Verdict
 from ph_post.verify.verify import verify
 from ph_post.version import package_version
 
+BOTH: Final = 2
+"""Programs that are compared."""
+
 SHOWN: Final = 3
 """Failures that the error names where a program does not pass its check."""
 
@@ -71,7 +74,7 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
     `plan` has the strategy and its limits, `edit` the options of what is written; with `force` a program that was
     compensated otherwise before is taken back to its original first. With `noted` the head of the program
     holds the warnings too, for those who see nothing but the program; `said` are such from before. With `lead` the
-    lead of the servos is written into the path of the program.
+    lead of the servos is written into the path of the program; `lead_left` says that it was asked for and left out.
     """
 
     plan: PlanOptions
@@ -80,6 +83,7 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
     noted: bool = False
     said: tuple[str, ...] = ()
     lead: bool = False
+    lead_left: bool = False
 
     def digest(self, dialect: str) -> str:
         """Hash of all that decides what is written, but the program and the machine's own file."""
@@ -89,7 +93,7 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
             # Programs that were compensated before these options were known are still recognized.
             if not edit[name]:
                 del edit[name]
-        decided = [self.plan, edit, dialect, *(["lead"] if self.lead else [])]
+        decided = [self.plan, edit, dialect, *(["lead"] if self.lead or self.lead_left else [])]
         return hashlib.sha256(msgspec.json.encode(decided)).hexdigest()
 
 
@@ -186,7 +190,7 @@ def compensate_program(
         return CompensatedProgram(before=original, after=program, done=True)
     check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")
     if request.lead:
-        return _LeadWork(original, machine, dialect, request, progress).made(path)
+        return _best_lead(original, machine, request, progress, path)
     planner = _EditPlanner(original, machine, dialect, request, progress)
     before = ProgramMotion(original, original, machine, "original", progress)
     options = replace(request.edit, cycle=_cycle(before))
@@ -211,14 +215,57 @@ def _verified(
         return None, frozenset({max(int(np.searchsorted(low, motions, side="right")) - 1, 0)})
 
 
+def _best_lead(
+    program: PartProgram,
+    machine: Machine,
+    request: ProgramRequest,
+    progress: Progress,
+    path: tuple[ProgramPath, Analysis] | None,
+) -> CompensatedProgram:
+    """Return the program with the lead, by the strategy's plan or alone, or without it where the part is better so."""
+    dialect = find_dialect(machine.dialect)
+    found = _LeadWork(program, machine, dialect, request, progress).made(path)
+    if find_traits(request.plan.strategy).chooses:
+        alone = replace(request, plan=replace(request.plan, strategy=PLAIN))
+        digest = request.digest(machine.dialect)
+        found = _better(found, _LeadWork(program, machine, dialect, alone, progress, digest).made(path))
+    if not _EditPlanner(program, machine, dialect, request, progress).offsets_axes:
+        return found
+    without = compensate_program(program, machine, replace(request, lead=False, lead_left=True), progress)
+    if _better(found, without) is found or without.edits is None:
+        return found
+    said = "no lead is written: the part is better with its backlash compensated on the fly"
+    return replace(without, edits=replace(without.edits, warnings=(said, *without.edits.warnings)))
+
+
+def _better(one: CompensatedProgram, other: CompensatedProgram) -> CompensatedProgram:
+    """Return the program with the smaller error by all causes, the first where they are not known."""
+    motions = [found.motions[1] for found in (one, other) if found.motions is not None]
+    if len(motions) < BOTH:
+        return other if one.motions is None and other.motions is not None else one
+    sizes = [(found.error, found.error_worst) for found in motions]
+    errors = [[size for own in pair if own is not None for size in (own.max, own.rms)] for pair in sizes]
+    if not errors[0] or len(errors[0]) != len(errors[1]):
+        return one
+    ratio = np.array(errors[1]) / np.maximum(errors[0], LEAST)
+    return other if float(ratio.mean()) < 1.0 else one
+
+
 class _LeadWork:
     """Writes the lead of the servos into a program, and keeps what makes the part better."""
 
     def __init__(
-        self, program: PartProgram, machine: Machine, dialect: Dialect, request: ProgramRequest, progress: Progress
+        self,
+        program: PartProgram,
+        machine: Machine,
+        dialect: Dialect,
+        request: ProgramRequest,
+        progress: Progress,
+        digest: str = "",
     ) -> None:
         self._program, self._machine, self._dialect = program, machine, dialect
         self._request, self._progress = request, progress
+        self._digest = digest or request.digest(machine.dialect)
         self._low = section_spans(program.motions)[0]
         self._before = ProgramMotion(program, program, machine, "original", progress)
 
@@ -272,7 +319,7 @@ class _LeadWork:
             self._machine,
             self._dialect,
             edit,
-            options_digest=self._request.digest(self._machine.dialect),
+            options_digest=self._digest,
             notes=(*notes, *(_notes(program, (*self._request.said, *plan.warnings)) if self._request.noted else ())),
         )
         changes = self._changes(plan.stretches)

@@ -218,7 +218,7 @@ class LeadWriter(ChangeWriter):
         for row, time in zip(counts, times.tolist(), strict=True):
             way = float(np.linalg.norm(row - at))
             if way >= LEAST_STEPS:
-                kept.append((row, way * step / max(time - since, 1e-9)))
+                kept.append((row, way * step / (time - since) if time > since else BACK))
                 at, since = row, time
         last = np.rint(goal / (units * 10.0**-self._fine)).astype(np.int64)
         ways = [(row * scale, speed) for row, speed in kept]

@@ -180,3 +180,25 @@ def test_a_line_that_is_no_move_keeps_its_cut_without_a_lead():
     found = ph.compensate(read_program(text.encode(), "circle.ngc"), replace(read_machine("mill")), **LED)
     assert found.unchanged
     assert any("is no move" in one for one in found.warnings)
+
+
+SQUARE = """G21 G90 G17 G94 G64 P0.002
+G0 X0 Y0
+G1 X20 F900
+Y20
+G2 X0 Y0 I-10 J-10
+M2
+"""
+
+
+@pytest.mark.parametrize(("machine", "led"), [("mill", True), ("router", False)])
+def test_the_best_of_lead_and_backlash_is_written(machine: str, led: bool) -> None:
+    program = read_program(SQUARE.encode(), "square.ngc")
+    found = ph.compensate(program, machine, lead_program=True, effort=0.02)
+    assert ("stretches led" in found.program().decode()) is led
+    assert any("no lead is written" in one for one in found.warnings) is not led
+    assert found.after.error.max < 0.5 * found.before.error.max
+    assert found.after.error.rms < 0.2 * found.before.error.rms
+    again = ph.compensate(read_program(found.program(), "square.ngc"), machine, lead_program=True, effort=0.02)
+    assert again.program() == found.program()
+    assert ph.undo(read_program(found.program(), "square.ngc")) == SQUARE.encode()
