@@ -136,5 +136,6 @@ def undone_view() -> dict[str, Any]:
         "lead": [],
         "verified": True,
         "unchanged": False,
+        "expanded": False,
         "warnings": [],
     }
