@@ -44,6 +44,9 @@ if TYPE_CHECKING:
 HEAT: Final = 4
 """Plans that are measured in more than the machine file's own values; of long jobs half as many."""
 
+HEATS: Final = 3
+"""Times that as many are tried where nothing of those before could be proven."""
+
 LONG: Final = 100_000
 """Rows beyond which a job is long."""
 
@@ -135,12 +138,15 @@ class _Race:
         self.late: list[Runner] = []
         self.still: list[Runner] = []
         self.said: tuple[str, ...] = ()
+        self.commands: set[int] = set()
+        self.known: dict[int, dict[Scenario, Sizes]] = {}
 
     def run(self) -> Plan:
         """Run the heats, prove the winner, and try in it what others do better."""
         runners = list(self._start(self.planner, self._entrants()))
         before = without_strategy((runners or self.late or self.still)[0].plan)
         self.checker = checker = Checker(self.planner, before)
+        self.known[_looks(checker.before)] = dict(zip(checker.scenarios, checker.sizes, strict=True))
         few = few_scenarios(checker.scenarios)
         usual = (one for one in checker.scenarios if one.friction != LITTLE_FRICTION)
         many = tuple(one for one in usual if one.beta == one.gain == 1.0)
@@ -150,7 +156,7 @@ class _Race:
             planner = self.planner.with_options(replace(self.planner.options, inverse_dynamics=False))
             runners += [self._measured(one, few) for one in self._start(planner, self._without_lead(planner.task))]
         ranked = self._ranked(runners, few)
-        winner = self._proven([self._measured(one, many) for one in ranked[: HEAT // 2 if long else HEAT]], many)
+        winner = self._heats(ranked, HEAT // 2 if long else HEAT, few, many)
         if winner is None:
             words = self._words(None, few)
             plan = left_alone(self.name, self.result, self.planner, OUT_OF_TIME if words else GIVEN_UP)
@@ -214,6 +220,8 @@ class _Race:
                 continue
             if proposed is self.result:
                 self.said = tuple(one for one in result.warnings if one not in proposed.warnings)
+            if self._is_known(command):
+                continue
             runner = self._runner(planner, result, plan, command)
             if takes_too_long(plan, planner):
                 self.late.append(runner)
@@ -221,6 +229,13 @@ class _Race:
                 self.still.append(runner)
             elif proposed.proven or not check_command(command, planner.machine):
                 yield runner
+
+    def _is_known(self, command: Command) -> bool:
+        """Return whether another plan has come to the same command; if not, it has by now."""
+        looks = _looks(command)
+        known = looks in self.commands
+        self.commands.add(looks)
+        return known
 
     def _runner(self, planner: Planner, result: StrategyResult, plan: Plan, command: Command) -> Runner:
         standing = added_standing(plan, planner.analysis.track)
@@ -232,7 +247,11 @@ class _Race:
         return most is not None and runner.standing > most + 2.0 * self.planner.machine.servo_period
 
     def _measured(self, runner: Runner, tried: Sequence[Scenario]) -> Runner:
-        return replace(runner, sizes=self.checker.measure(runner.command, tried))
+        """Measure a plan in some scenarios, if that was not done before."""
+        known = self.known.setdefault(_looks(runner.command), {})
+        left = [one for one in tried if one not in known]
+        known.update(zip(left, self.checker.measure(runner.command, left) if left else (), strict=True))
+        return replace(runner, sizes=tuple(known[one] for one in tried))
 
     def _ranked(self, runners: Sequence[Runner], tried: Sequence[Scenario]) -> list[Runner]:
         """Sort plans, the best first."""
@@ -268,6 +287,18 @@ class _Race:
         """Sizes of the plain motion in some scenarios, shape (scenarios, 3)."""
         known = dict(zip(self.checker.scenarios, self.checker.sizes, strict=True))
         return np.array([known[one][:3] for one in tried])
+
+    def _heats(
+        self, ranked: Sequence[Runner], size: int, few: Sequence[Scenario], many: Sequence[Scenario]
+    ) -> Runner | None:
+        """Prove the best plans, and the next best where nothing of those can be proven, as long as they promise any."""
+        for first in range(0, min(len(ranked), HEATS * size), size):
+            if first and not self._gains(ranked[first], few):
+                break
+            winner = self._proven([self._measured(one, many) for one in ranked[first : first + size]], many)
+            if winner is not None:
+                return winner
+        return None
 
     def _proven(self, runners: Sequence[Runner], tried: Sequence[Scenario]) -> Runner | None:
         """Prove the best plans until one needs nothing taken away, or enough were proven."""
@@ -406,6 +437,12 @@ def few_scenarios(every: Sequence[Scenario]) -> tuple[Scenario, ...]:
     first = nominal[0]
     same_sides = [one for one in nominal if (one.flank, one.opposite) == (first.flank, first.opposite)]
     return tuple(dict.fromkeys([*same_sides, *(one for one in nominal if one.pickup == first.pickup)]))
+
+
+def _looks(command: Command) -> int:
+    """Return what tells a command from others of its path: its places, and what of them is no path."""
+    added = command.offset
+    return hash((command.position.tobytes(), b"" if added is None or not added.any() else added.tobytes()))
 
 
 def _largest(runner: Runner) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from long.claims import run_table
@@ -11,13 +13,14 @@ from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
-from ph_post.compensate.sizes import measure_sizes, sizes_of
+from ph_post.compensate.prove import Checker
+from ph_post.compensate.sizes import Sizes, measure_sizes, sizes_of
 from ph_post.drive.machinefile import read_machine
 from ph_post.files.path import read_path
 from ph_post.files.storage import or_shipped
 from ph_post.simulate.assess import for_each_scenario, scenarios
 from ph_post.simulate.contour import Nominal
-from ph_post.types import Plan
+from ph_post.types import Command, Plan, Scenario
 
 
 def analysis_of(path: str, machine: str) -> Analysis:
@@ -75,3 +78,19 @@ def test_nothing_is_tried_without_inverse_dynamics_where_no_axis_lags(machine: s
     options = PlanOptions(strategy="auto", inverse_dynamics=True, effort=0.01)
     make_plan(analysis_of("circle", machine), options, said.append)
     assert said.count("racing plan 1") == times
+
+
+@pytest.mark.parametrize("machine", ["stepper", "paper"])
+def test_no_command_is_measured_twice_on_a_machine(machine: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Several strategies come to the same plan, and the best is looked at several times."""
+    seen: list[tuple[bytes, Scenario]] = []
+    measure = Checker.measure
+
+    def counted(checker: Checker, command: Command, tried: Sequence[Scenario]) -> tuple[Sizes, ...]:
+        looks = command.position.tobytes() + (b"" if command.offset is None else command.offset.tobytes().strip(b"\0"))
+        seen.extend((looks, one) for one in tried)
+        return measure(checker, command, tried)
+
+    monkeypatch.setattr(Checker, "measure", counted)
+    planned(analysis_of("circle", machine), "auto", effort=0.01)
+    assert len(seen) == len(set(seen)) > 50
