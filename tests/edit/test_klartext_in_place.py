@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,113 +20,8 @@ from ph_post.edit.undo import undo
 from ph_post.gcode.read import reread
 from ph_post.verify.verify import verify
 
-PLATE = """0 BEGIN PGM PLATE MM
-1 BLK FORM 0.1 Z X-40 Y-40 Z-20
-2 BLK FORM 0.2 X+40 Y+40 Z+0
-3 TOOL CALL 5 Z S3000 F500
-4 L Z+100 R0 FMAX M3
-5 L X-20 Y+0 R0 FMAX
-6 L Z+2 R0 FMAX M8
-7 L Z-2 F200
-8 CC X+0 Y+0
-9 C X+0 Y-20 DR+ F1200
-10 C X+20 Y+0 DR+ ; second quarter
-11 C X+0 Y+20 DR+
-12 C X-20 Y+0 DR+
-13 L X-30 R0
-14 L IX+5 IY+8
-15 CC X-30 Y+0
-16 C X-25 Y-8 DR-
-17 L X-20 Y+0
-18 CR X+20 Y+0 R+20 DR- M9
-19 L X+10 Y-5 M5
-20 L Z+50 R0 FMAX
-21 L X+0 Y+0 FMAX M30
-22 END PGM PLATE MM
-"""
-
-POCKET = """BEGIN PGM POCKET MM
-; without numbers, with a cycle, a label and a corrected contour
-TOOL CALL "MILL_8" Z S5000
-L X+0 Y+0 R0 FMAX M3
-L Z+1 FMAX
-L Z-1 F300
-CC IX+6 IY+0
-C X+0 Y+0 DR- F800
-CR X+12 Y+0 R-8 DR+
-CR X+0 Y+0 R+8 DR+
-L X+20 Y+3 M8
-L X-4
-CYCL DEF 9.0 DWELL TIME
-CYCL DEF 9.1 DWELL 0.5
-L X+6 Y-7
-L IX-6 IY+7
-L Z+5 FMAX
-CYCL DEF 200 DRILLING ~
-  Q200=2 ~
-  Q201=-10
-L X+5 Y+5 FMAX M99
-L X+40 Y+0 R0 FMAX
-L Z+1 FMAX
-L X+30 Y+0 RL F500
-L X+30 Y+20
-L X+40 Y+20 R0
-L Z+5 FMAX
-L X+60 Y+0 FMAX
-LBL 1
-L X+70 FMAX
-CALL LBL 1 REP2
-M30
-END PGM POCKET MM
-"""
-
-POLAR = """0  BEGIN PGM POLAR MM
-1  BLK FORM 0.1 Z  X+0  Y-200  Z-15
-2  BLK FORM 0.2  X+500  Y+0  Z+0
-3  * - contour, as posted by a CAM system: circles by angles, feeds by parameters
-4  TOOL CALL 3 Z S1940
-5  L M140 MB MAX
-6  M3
-7  L  X+297  Y+1 R0 FMAX
-8  L  Z+15 R0 FMAX
-9  CYCL DEF 32.0 TOLERANCE
-10 CYCL DEF 32.1
-11 FN 0: Q52 =+202 ; Finish
-12 FN 0: Q58 =+67 ; Plunge
-13 L  Z+5 FMAX
-14 L  Z-3.5 FQ58
-15 CC  X+296  Z-3.5
-16 CP IPA+90 DR+ FQ52
-17 L  X+295  Z-4.5
-18 CC  X+295  Y+0
-19 CP IPA+90 DR+
-20 L  X+294  Y-23.25 FQ52
-21 CC  X+289  Y-23.25
-22 CP IPA-90 DR-
-23 CC  X+289  Y-28.5
-24 CP IPA+90 DR+ F56.5
-25 CC  X+283.75  Y-28.5
-26 CP IPA-90 DR- FQ52
-27 L  X+263.5  Y-33.5
-28 CC  X+263.5  Y-28.5
-29 CP IPA-126.061 DR-
-30 L  X+263  Y-50.5
-31 L  Y-52.5
-32 L  X+302
-33 CC  X+302  Y-40
-34 CP IPA+360 DR+
-35 L  Y+0 FQ52
-36 CC  X+301  Y+0
-37 CP IPA+90 DR+
-38 L  X+300  Y+1
-39 L  X+301  Z+15 FMAX
-40 M5
-41 L M140 MB MAX
-42 M30
-43 END PGM POLAR MM
-"""
-
-PROGRAMS = {"plate": PLATE, "pocket": POCKET, "polar": POLAR}
+FOLDER = Path(__file__).parents[1] / "changed_dialects"
+PROGRAMS = {name: (FOLDER / f"{name}.h").read_text() for name in ("plate", "pocket", "polar")}
 MACHINE = replace(read_machine("stepper"), dialect="heidenhain")
 BACKLASH = {"X": 0.06, "Y": 0.08}
 DEEP = -0.99
@@ -183,11 +79,11 @@ def test_what_is_added_is_conversational(name, changed):
 
 
 def test_what_is_not_followed_keeps_every_byte(changed):
-    text = changed["pocket"].text.decode()
+    text, pocket = changed["pocket"].text.decode(), PROGRAMS["pocket"]
     for stretch in (
-        POCKET[POCKET.index("CYCL DEF 200") : POCKET.index("L X+40 Y+0")],
+        pocket[pocket.index("CYCL DEF 200") : pocket.index("L X+40 Y+0")],
         "L X+30 Y+0 RL F500\nL X+30 Y+20\nL X+40 Y+20 R0\n",
-        POCKET[POCKET.index("LBL 1") : POCKET.index("M30")],
+        pocket[pocket.index("LBL 1") : pocket.index("M30")],
     ):
         assert stretch in text
     assert changed["pocket"].program.notes
@@ -227,8 +123,8 @@ def test_what_stands_behind_an_unknown_label_is_passed_through():
 def test_the_centre_of_a_circle_that_is_divided_by_stops_stays():
     """Short circles about centres of lines of their own, with corners between them."""
     lines = ["0 BEGIN PGM A MM", "1 L X+0 Y+0 Z+1 R0 FMAX", "2 L Z-1 F300"]
-    for k in range(40):
-        x, y = 20.0 * np.cos(0.3 * k), 20.0 * np.sin(0.3 * k)
+    for k in range(200, 216):
+        x, y = (20.0 + 0.001 * k) * np.cos(0.05 * k), (20.0 + 0.001 * k) * np.sin(0.05 * k)
         lines += (
             [f"3 CC X{x - 1:+.3f} Y{y:+.3f}", "4 CP IPA+20 DR+"] if k % 4 == 3 else [f"5 L X{x:+.3f} Y{y:+.3f} F900"]
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,74 +20,8 @@ from ph_post.edit.undo import undo
 from ph_post.gcode.read import reread
 from ph_post.verify.verify import verify
 
-POST = """%_N_PLATE_MPF
-;$PATH=/_N_WKS_DIR/_N_PLATE_WPD
-; written as published post-processors write: centres as places, modal words
-N10 G17 G90 G94 G71
-N20 T="MILL 8"
-N30 M6
-N40 S6000 M3 D1
-N50 G642
-N60 G0 X-20 Y0
-N70 Z5 M8
-N80 G1 Z-2 F300
-N90 G3 X0 Y-20 I=AC(0) J=AC(0) F1200
-N100 X20 Y0 I=AC(0) J=AC(0) ; the second quarter
-N110 X0 Y20 I=AC(0) J=AC(0)
-N120 X-20 Y0 I=AC(0) J=AC(0)
-N130 G1 X-30
-N140 X-25 Y8
-N150 G2 X-25 Y-8 I=AC(-30) J=AC(0)
-N160 G1 X-20 Y0
-N170 G0 Z50 M9
-N180 M30
-"""
-
-HAND = """N10 G54 G17 G90 G710 G64 ; a program by hand
-R1=12 R2=-3
-R3=R1*2
-N20 G0 X=R1 Y0 Z2
-N25 S800 M4
-N30 G1 Z=R2 F=R1*20
-N40 G2 X=IC(-24) Y0 CR=12 F600
-MSG("half (1) done; go on")
-N50 CIP X12 Y0 I1=AC(0) J1=AC(-12)
-N60 X36 Y0 I1=IC(12) J1=IC(12)
-N70 G1 X=IC(-24) Y=AC(5)
-N75 G4 F0.5
-N80 G3 X=IC(0) Y=IC(0) I-12 J0 TURN=1
-N90 G1 X5 Y0
-N100 X-9
-N110 X4 Y6
-N120 G0 Z5
-CYCLE81(10,0,2,-5)
-N130 G0 X20 Y0
-N140 Z100
-N150 M30
-"""
-
-STEPS = """N10 G17 G71 G90 G0 X0 Y0 Z1
-G1 Z-1 F200
-G91 G1 X10 F900
-X-4 Y5
-G2 X-10 Y-10 I-10 J0
-G3 X0 Y0 I5 J5
-X6 Y6 I=IC(6) J0
-G1 X-20
-G0 Z10
-G90
-TRANS X0 Y0
-G0 X0 Y0
-Z1
-G1 Z-1 F500
-X5 Y5
-X0 Y10
-G2 X0 Y10 I3 J0
-G0 Z10
-M30
-"""
-
-PROGRAMS = {"post": POST, "hand": HAND, "steps": STEPS}
+FOLDER = Path(__file__).parents[1] / "changed_dialects"
+PROGRAMS = {name: (FOLDER / f"{name}.mpf").read_text() for name in ("post", "hand", "steps")}
 MACHINE = replace(read_machine("stepper"), dialect="siemens")
 BACKLASH = {"X": 0.06, "Y": 0.08}
 DEEP = -0.99
