@@ -7,6 +7,7 @@ held-out samples, and one verdict over all axes.
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Final
@@ -21,9 +22,9 @@ from ph_post.diagnose.search import has_structure
 from ph_post.diagnose.selection import choose
 from ph_post.drive.axes import refuse_cascades
 from ph_post.identify.excerpt import excerpt
-from ph_post.identify.free_run import pooled_noise, problem_of
+from ph_post.identify.free_run import AxisProblem, pooled_noise, problem_of
 from ph_post.identify.log_quality import examine
-from ph_post.progress import Progress, no_progress
+from ph_post.progress import Progress, no_progress, prefixed
 from ph_post.types import Array, BoolArray, Log, Machine
 from ph_post.types.diagnosis import (
     Channel,
@@ -37,6 +38,12 @@ from ph_post.types.diagnosis import (
 
 FRICTION: Final = frozenset(("coulomb_friction", "stribeck_friction"))
 """Effects that a position of unknown side cannot separate from backlash."""
+
+RUNS: Final = 1000
+"""Free runs that a search of one axis takes the time of, about."""
+
+SHORT: Final = 5.0
+"""Time up to which nobody needs to know how long a search takes [s]."""
 
 
 def diagnose(log: Log, machine: Machine, progress: Progress = no_progress) -> Diagnosis:
@@ -63,10 +70,21 @@ def diagnose(log: Log, machine: Machine, progress: Progress = no_progress) -> Di
     ]
     if quality.faults or not problems:
         return _not_identifiable(log, machine, quality)
+    seconds = _expected(problems)
+    search = progress if seconds < SHORT else prefixed(progress, f"about {float(f'{seconds:.1g}'):.0f} s in all")
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        outcomes = list(pool.map(lambda one: fit_chosen_model(choose(one, progress)), problems))
+        outcomes = list(pool.map(lambda one: fit_chosen_model(choose(one, search)), problems))
     progress("explaining")
     return _assemble(log, machine, quality, outcomes)
+
+
+def _expected(problems: Sequence[AxisProblem]) -> float:
+    """Return about how long a search takes [s]: so many free runs, of which one is timed."""
+    residuals_of(problems[0], base_model(problems[0]))  # the first is compiled
+    begin = time.perf_counter()
+    residuals_of(problems[0], base_model(problems[0]))
+    one = time.perf_counter() - begin
+    return one * RUNS * max(len(problems) / (os.cpu_count() or 1), 1.0)
 
 
 def _not_identifiable(log: Log, machine: Machine, quality: LogQuality) -> Diagnosis:
