@@ -26,7 +26,7 @@ from ph_post.identify.free_run import (
 )
 from ph_post.types import Array, AxisLog, BoolArray
 from ph_post.types.diagnosis import Channel
-from ph_post.units import MICROMETRE
+from ph_post.units import MICROMETRE, MS
 
 STEP: Final = 1e-3
 """Differences, of a logarithm, or of a length or its scale."""
@@ -45,6 +45,13 @@ LENGTHS: Final = {"gap": ("gap",), "friction": ("coulomb_plus", "coulomb_minus")
 """Free numbers that are lengths, and the fields of the plant that they set."""
 
 
+CASCADE_NUMBERS: Final = ("position_gain", "velocity_gain", "integral_rate", "velocity_feedforward", "dead_time")
+"""Free numbers of a cascade, by its fields."""
+
+LATEST: Final = 50.0
+"""Longest dead time [ms]."""
+
+
 class FreeNumber(NamedTuple):
     """One number of a plant while it is fitted: how it is read and set, and its bounds."""
 
@@ -56,7 +63,12 @@ class FreeNumber(NamedTuple):
 
 
 def free_number(name: str, plant: Plant) -> FreeNumber:
-    """Return the free number `b`, `c`, `eta`, `beta` (logarithms), `gap` or `friction` (micrometres)."""
+    """Return the free number `b`, `c`, `eta`, `beta` (logarithms), `gap` or `friction` (micrometres).
+
+    Of a cascade its gains (logarithms), `velocity_feedforward` (1 is all of it) and `dead_time` (milliseconds).
+    """
+    if name in CASCADE_NUMBERS:
+        return _cascade_number(name, plant)
     if name in LENGTHS:
         fields = LENGTHS[name]
         return FreeNumber(
@@ -73,6 +85,28 @@ def free_number(name: str, plant: Plant) -> FreeNumber:
     elif name == "beta":
         high = max(min(high, math.log(DAMPED * plant.c / (plant.b * plant.eta))), start + 0.1)
     return FreeNumber(name, partial(_logarithm, name), partial(_set, name), start - FAR, high)
+
+
+def _cascade_number(name: str, plant: Plant) -> FreeNumber:
+    """Return a number of a cascade; b follows its gains, and the damping b."""
+
+    def field(p: Plant) -> float:
+        return float(getattr(p.cascade, name))
+
+    def put(p: Plant, value: float) -> Plant:
+        assert p.cascade is not None
+        cascade = replace(p.cascade, **{name: value})
+        b = 1.0 / (cascade.velocity_gain * cascade.position_gain)
+        return replace(p, cascade=cascade, b=b, c=p.c * b / p.b)
+
+    if name == "velocity_feedforward":
+        return FreeNumber(name, field, put, 0.0, 2.0)
+    if name == "dead_time":
+        return FreeNumber(name, lambda p: field(p) / MS, lambda p, value: put(p, value * MS), 0.0, LATEST)
+    start = math.log(field(plant))
+    return FreeNumber(
+        name, lambda p: math.log(field(p)), lambda p, value: put(p, math.exp(value)), start - FAR, start + FAR
+    )
 
 
 def _logarithm(name: str, plant: Plant) -> float:
@@ -279,12 +313,12 @@ def why_backlash_hidden(problem: AxisProblem, axis_log: AxisLog) -> str:
 
 def decide_backlash(problem: AxisProblem, base: DriveFit) -> BacklashVerdict:
     """Fit a gap, and friction in its place, and compare them on what was held out."""
-    gapped = _fitted_with(problem, base, "gap")
+    gapped = fitted_with(problem, base, "gap")
     shows = held_out_gain(problem, gapped, base) >= EARNS and gapped.plant.gap > 0.0
     plain = BacklashVerdict(gapped, None) if shows else BacklashVerdict(None, smallest_visible_backlash(problem, base))
     if base.plant.coulomb_plus > 0.0:
         return plain
-    rival = _fitted_with(problem, base, "friction")
+    rival = fitted_with(problem, base, "friction")
     size = f"friction of {rival.plant.coulomb_plus / MICROMETRE:.3g} µm of following error"
     ahead = held_out_gain(problem, rival, gapped if shows else base)
     if ahead > EARNS:
@@ -302,8 +336,8 @@ def decide_backlash(problem: AxisProblem, base: DriveFit) -> BacklashVerdict:
     return plain
 
 
-def _fitted_with(problem: AxisProblem, base: DriveFit, name: str) -> DriveFit:
-    """Fit the base numbers and one more, from the best of the sizes tried."""
+def fitted_with(problem: AxisProblem, base: DriveFit, name: str) -> DriveFit:
+    """Fit the base numbers and one more, `gap` or `friction`, from the best of the sizes tried."""
     weights = weights_of(problem, base.left, problem.fit)
 
     def cost(plant: Plant) -> float:

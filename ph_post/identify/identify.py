@@ -18,6 +18,16 @@ from scipy.ndimage import gaussian_filter1d
 from ph_post.drive.axes import refuse_cascades
 from ph_post.drive.plant import Plant
 from ph_post.errors import InputError
+from ph_post.identify.cascade_fit import (
+    CLEAN,
+    CascadeFit,
+    cascaded_axis,
+    finest_noise,
+    fit_cascade,
+    is_better,
+    leaves_much,
+    with_backlash,
+)
 from ph_post.identify.direct_readings import (
     CoastDown,
     FollowingLag,
@@ -29,8 +39,10 @@ from ph_post.identify.direct_readings import (
 )
 from ph_post.identify.drive_fit import (
     BacklashVerdict,
+    DriveFit,
     decide_backlash,
     fit_drive,
+    fitted_with,
     position_rms,
     tangent,
     why_backlash_hidden,
@@ -89,6 +101,8 @@ class StartingMachine(NamedTuple):
 
     machine: Machine
     assumed: Mapping[str, tuple[str, ...]]
+    lagless: Mapping[str, InputError] = {}
+    """Why an axis is no single loop."""
 
 
 def starting_machine(
@@ -116,13 +130,16 @@ def starting_machine(
                 )
         return StartingMachine(machine, {})
     axes, assumed = {}, {}
+    lagless: dict[str, InputError] = {}
     for name, axis_log in log.axes.items():
-        made = _starting_axis(log, name, axis_log, feedback.get(name), transmission.get(name))
+        made = _starting_axis(log, name, axis_log, feedback.get(name), transmission.get(name), lagless)
         if made is not None:
             axes[name], assumed[name] = made
     if not axes:
         raise InputError(log.name, "no axis can be identified", expected="a reading of an axis that moves")
-    return StartingMachine(Machine(name=log.name, dialect=DIALECT, servo_period=log.period, axes=axes), assumed)
+    return StartingMachine(
+        Machine(name=log.name, dialect=DIALECT, servo_period=log.period, axes=axes), assumed, lagless
+    )
 
 
 def starting_lag(axis_log: AxisLog, loop: Loop, period: float) -> FollowingLag | None:
@@ -134,7 +151,12 @@ def starting_lag(axis_log: AxisLog, loop: Loop, period: float) -> FollowingLag |
 
 
 def _starting_axis(
-    log: Log, name: str, axis_log: AxisLog, feedback: Feedback | None, transmission: Transmission | None
+    log: Log,
+    name: str,
+    axis_log: AxisLog,
+    feedback: Feedback | None,
+    transmission: Transmission | None,
+    lagless: dict[str, InputError],
 ) -> tuple[Axis, tuple[str, ...]] | None:
     """Draft one axis; None where the log has no reading of its motion."""
     if (axis_log.table is None and axis_log.motor is None) or np.ptp(axis_log.command) == 0.0:
@@ -143,7 +165,11 @@ def _starting_axis(
     if feedback is None:
         feedback, why = assumed_feedback(axis_log, log.period)
         notes.append(f'feedback "{feedback}" is assumed: {why}; --feedback {name}=... says otherwise')
-    servo = _starting_servo(log, name, axis_log, LOOPS[feedback])
+    try:
+        servo = _starting_servo(log, name, axis_log, LOOPS[feedback])
+    except InputError as error:  # a cascade with feed-forward does not lag
+        lagless[name] = error
+        servo = Servo(b=LAGLESS[0], c=LAGLESS[1])
     gap = Gap(lost_motion=0.0)
     if LOOPS[feedback].encloses_backlash:
         gap = replace(gap, inertia_fraction=ASSUMED_ETA, beta=ASSUMED_BETA)
@@ -195,6 +221,9 @@ def _limits(log: Log, axis_log: AxisLog) -> Limits:
 def _rate(values: Array, period: float) -> Array:
     return np.asarray(np.gradient(values, period))
 
+
+LAGLESS: Final = (1e-4, 0.02)
+"""b [s²] and c [s] of a loop that is taken for one whose log shows no lag, until it is a cascade."""
 
 GIVE_UP: Final = ("beta", "eta", "b", "c")
 """Order in which numbers that the log does not show are fixed: those known best from elsewhere first."""
@@ -274,8 +303,20 @@ def _identify_axis(
     axis = problem.axis
     coasts = _coast_downs(problem, axis_log, quality)
     problem = _without(problem, coasts)
+    notes, why = draft.assumed.get(axis.name, ()), draft.lagless.get(axis.name)
+    if why is not None:
+        cascade = _cascade(problem, axis_log, None)
+        if cascade is None or cascade.held_out > MOSTLY * finest_noise(problem):
+            raise why
+        return cascaded_axis(problem, cascade, from_file, notes)
     base = fit_drive(problem, _start(problem, axis_log), _base_names(problem.plant))
+    much = leaves_much(problem, base.left)
     hidden = why_backlash_hidden(problem, axis_log)
+    if much and hidden and not axis.loop.encloses_backlash:
+        cascade = _cascade(problem, axis_log, base)
+        if cascade is not None:
+            return cascaded_axis(problem, cascade, from_file, notes)
+        much = False
     verdict = BacklashVerdict(None, None, (hidden,)) if hidden else decide_backlash(problem, base)
     free = [one for one in coasts if not one.coupled]
     plant = base.plant if verdict.fit is None else verdict.fit.plant
@@ -292,10 +333,32 @@ def _identify_axis(
         verdict=verdict,
         coasts=tuple(coasts),
         from_file=from_file,
-        notes=draft.assumed.get(axis.name, ()),
+        notes=notes,
     )
+    if much and leaves_much(counted, settled.settling.fit.left):
+        cascade = _cascade(problem, axis_log, base if verdict.fit is None else verdict.fit)
+        if cascade is not None:
+            return cascaded_axis(problem, cascade, from_file, notes)
     drive = estimate_drive(settled)
     return drive, identified_axis(settled, drive)
+
+
+MOSTLY: Final = 20.0
+"""Times the noise that a cascade may leave where nothing else is known of the drive."""
+
+
+def _cascade(problem: AxisProblem, axis_log: AxisLog, single: DriveFit | None) -> CascadeFit | None:
+    """Fit a cascade; None where it predicts the held-out samples no better than a single loop, be it with friction."""
+    base = fit_cascade(problem)
+    found = None if base is None else with_backlash(problem, base, axis_log)
+    if found is None or single is None:
+        return found
+    if not is_better(problem, found.fit, single):
+        return None
+    # No friction looks like a cascade down to the noise.
+    if found.held_out <= CLEAN * finest_noise(problem):
+        return found
+    return found if is_better(problem, found.fit, fitted_with(problem, single, "friction")) else None
 
 
 def _coast_downs(problem: AxisProblem, axis_log: AxisLog, quality: LogQuality) -> list[CoastDown]:

@@ -11,13 +11,15 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from msgspec.structs import replace
+from msgspec.structs import astuple, replace
 
 from ph_post.consistency import same
 from ph_post.drive.machinefile import machine_of
 from ph_post.errors import InputError, SolveError
 from ph_post.files.machine import AxisChange, EffectChange, Row, edit_axes, machine_document
 from ph_post.files.storage import SourceText, source_of
+from ph_post.identify.cascade_fit import KEYS as CASCADE_NAMES
+from ph_post.identify.cascade_fit import cascade_values
 from ph_post.identify.estimates import KEYS
 from ph_post.types import USUAL_REFERENCE, Axis, EffectSetting, Log, Machine, Uncertainty
 from ph_post.types.diagnosis import PRODUCT, Diagnosis, Estimate, Finding, Identification, IdentifiedDrive
@@ -68,6 +70,13 @@ def axis_change(
     return AxisChange(axis=before.name, keys=keys, comments=comments, above=tuple(above), effects=changed)
 
 
+_OF_SINGLE: Final = (
+    *("b", "c", "J", "inertia_kg_m2", "B", "damping_kg_m2_s", "k_p", "position_gain_v_per_m"),
+    *("k_a", "amplifier_gain_a_per_v", "k_t", "torque_constant_n_m_per_a", "max_motor_acceleration_rad_s2"),
+)
+"""Keys that an axis with a cascade has not; the motor's acceleration is not checked with one."""
+
+
 def axis_keys(before: Axis, after: Axis, given: Mapping[str, Any]) -> dict[str, float | str | None]:
     """Return the keys of ``[axes.AXIS]`` that make one axis into another, in the way the file gives them.
 
@@ -82,6 +91,12 @@ def axis_keys(before: Axis, after: Axis, given: Mapping[str, Any]) -> dict[str, 
         if not same(one, other):
             known = {key: value for key, value in ways.items() if key in given}
             keys |= known or dict(list(ways.items())[:1])
+    if after.servo.cascade is not None and after.servo.cascade != before.servo.cascade:
+        keys = {key: value for key, value in keys.items() if key not in _OF_SINGLE} | dict.fromkeys(
+            key for key in _OF_SINGLE if key in given
+        )
+        keys["control.structure"] = "cascade"
+        keys |= {CASCADE_NAMES[name]: value for name, value in cascade_values(after.servo.cascade).items()}
     stiffer = _ratio(after.servo.stiffness, before.servo.stiffness)
     if not same(stiffer, 1.0):  # J and B keep b and c where k_p changes
         for key in ("J", "inertia_kg_m2", "B", "damping_kg_m2_s"):
@@ -300,6 +315,7 @@ def _acting(axis: Axis) -> list[Any]:
         servo.ki_over_kp,
         servo.kd_over_kp,
         servo.stiffness,
+        [] if servo.cascade is None else list(astuple(servo.cascade)),
         gap.lost_motion,
         gap.inertia_fraction,
         gap.beta,
@@ -378,7 +394,7 @@ def _new_file(found: Identification, log: Log) -> str:
     machine = found.machine
     require_writable(machine, log.name)
     for name, drive in found.drives.items():
-        for key in ("b", "c"):
+        for key in ("b", "c") if machine.axes[name].servo.cascade is None else ():
             if drive.origins[key] == "assumed" and getattr(machine.axes[name].servo, key) > 0.0:
                 raise InputError(
                     f"{log.name}: {name}",
@@ -401,13 +417,17 @@ def _axis_rows(axis: Axis, drive: IdentifiedDrive) -> Iterator[Row | str]:
     yield from drive.notes
     servo, gap, limits = axis.servo, axis.gap, axis.limits
     yield Row("feedback", axis.feedback)
-    values = {"b": servo.b, "c": servo.c, "lost_motion": gap.lost_motion / MM}
+    values = {"b": servo.b, "c": servo.c}
+    if servo.cascade is not None:
+        yield Row("control.structure", "cascade")
+        values = cascade_values(servo.cascade)
+    values["lost_motion"] = gap.lost_motion / MM
     if gap.inertia_fraction is not None:
         values["inertia_fraction"] = gap.inertia_fraction
     if gap.beta is not None:
         values["motor_time_constant"] = 1.0 / gap.beta
     for name, value in values.items():
-        yield Row(KEYS[name], value, _words(name, drive))
+        yield Row((KEYS | CASCADE_NAMES)[name], value, _words(name, drive))
     if servo.stiffness is not None:
         yield Row("servo_stiffness_n_per_mm", servo.stiffness * MM, _words("servo_stiffness", drive))
     if gap.gear_ratio is not None and gap.travel_per_rad is not None:
