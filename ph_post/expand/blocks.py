@@ -250,7 +250,7 @@ class Blocks:
                 return ""
             try:
                 name = re.sub(r"\s", "", found[1] or "").lower()
-                value = self.store.named(name) if found[1] else self.store.number(float(found[2]))
+                value = self.store.named(name) if found[1] is not None else self.store.number(float(found[2]))
             except ExpandError:
                 return found[0]
             if math.isnan(value):
@@ -278,8 +278,10 @@ class Blocks:
         elif motion in (700, 710, 711, 712, 720, 721, 722, 760):
             machine.forget("xz")
         elif motion in CYCLES:
-            if self.memory.initial is not None:
+            across = machine.axes[2] if machine.axes is not None else "z"
+            if self.memory.initial not in (None, machine.place[across]):
                 raise NotExpandableError("a cycle with a turning spindle behind one that is written out")
+            self.memory.initial = None
             machine.forget("xyz")
         elif motion != 800:
             machine.place = machine.target(words)

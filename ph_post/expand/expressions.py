@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import ClassVar, Final
 
 from ph_post.expand.faults import ExpandError, NotExpandableError
-from ph_post.expand.values import Store
+from ph_post.expand.values import LAST, Store
 
 Value = Callable[[Store], float]
 """A value of the parameters."""
@@ -229,9 +229,9 @@ class Parser:
         self.take("[")
         self.take("#")
         if self.peek() != "<":
-            self.value()
+            index = self.value()[0]
             self.take("]")
-            return lambda _: 1.0
+            return lambda store: float(1 <= index(store) < LAST)
         name = self.name()
         self.take("]")
         return lambda store: float(store.exists(name))

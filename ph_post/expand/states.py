@@ -15,6 +15,11 @@ _ORDER: Final = (
 )
 
 
+def _coolant(mist: bool, flood: bool) -> tuple[int, int]:
+    """Return the M words by which LinuxCNC keeps mist and flood, -1 for none: flood alone does not end mist."""
+    return (7 if mist else -1 if flood else 9, 8 if flood else -1)
+
+
 class SavedStates:
     """Modes that M70 and M73 keep, by the depth of the calls.
 
@@ -75,7 +80,8 @@ class SavedStates:
             lines.append(" ".join(words))
         if spindle != machine.spindle:
             lines.append(f"M{spindle or 5}")
-        if (mist, flood) != (machine.mist, machine.flood):
-            lines += ["M9"] + ["M7"] * bool(mist) + ["M8"] * bool(flood)
+        now = _coolant(machine.mist, machine.flood)
+        kept = _coolant(bool(mist), bool(flood))
+        lines += [f"M{code}" for code, had in zip(kept, now, strict=True) if code > 0 and code != had]
         for text in lines:
             self._blocks.run(read_line(text), keep=True)

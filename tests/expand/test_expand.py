@@ -171,3 +171,7 @@ def test_notes_say_what_was_taken_to_be_zero():
     )
     assert expand(b"G0 X#7\n", "a.ngc", parameters={7: 2.5}).notes == ()
     assert lines_of("G0 X#170\n", parameters={170: 2.5}) == ["G0 X2.5"]
+
+
+def test_a_comment_with_an_empty_name_stays():
+    assert lines_of("#1=2\n(debug, #<> and #1)\nM2\n")[0] == "(debug, #<> and 2.000000)"
