@@ -80,8 +80,8 @@ class SavedStates:
             lines.append(" ".join(words))
         if spindle != machine.spindle:
             lines.append(f"M{spindle or 5}")
-        now = _coolant(machine.mist, machine.flood)
-        kept = _coolant(bool(mist), bool(flood))
-        lines += [f"M{code}" for code, had in zip(kept, now, strict=True) if code > 0 and code != had]
+        current = _coolant(machine.mist, machine.flood)
+        coolant = _coolant(bool(mist), bool(flood))
+        lines += [f"M{code}" for code, had in zip(coolant, current, strict=True) if code > 0 and code != had]
         for text in lines:
             self._blocks.run(read_line(text), keep=True)
