@@ -132,3 +132,13 @@ def test_the_centre_of_a_circle_that_is_divided_by_stops_stays():
     one = compensate(text, MACHINE, dialect="heidenhain")
     assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=MACHINE).ok
     assert undo(one.text, "a.h") == text
+
+
+def test_what_stands_between_circles_of_two_planes_keeps_both():
+    text = (
+        "0 BEGIN PGM A MM\n1 L X+0 Y+0 Z+1 R0 FMAX\n2 L Z-1 F300\n3 L X+10\n4 CC X+10 Z+1\n5 CP IPA+90 DR+\n"
+        "6 CC X+8 Y+5\n7 CP IPA+180 DR+\n8 L X+2\n9 L Z+5 FMAX\n10 END PGM A MM\n"
+    )
+    one = compensate(text.encode(), MACHINE, dialect="heidenhain")
+    assert one.edits.crossings
+    assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=MACHINE).ok

@@ -421,6 +421,8 @@ class TncSource:
         moves = set(program.motions.block.tolist())
         return replace(
             program,
+            # The plane of a circle is that of its own centre, and no mode.
+            modal=tuple(replace(one, plane=17) for one in program.modal),
             poles=tnc.poles,
             centre_users={
                 **{line: (pole, line in moves) for line, pole in tnc.arcs.items()},
