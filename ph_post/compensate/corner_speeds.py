@@ -221,8 +221,8 @@ class RoundedCorners:
         return peaks and change > 0.0
 
     def _feed(self, s: float) -> float:
-        piece, _ = self._track.locate(np.array([s]))
-        return float(self._feeds[piece[0]])
+        """Return the feed asked for at a place, at a joint that of the later piece [m/s]."""
+        return float(self._feeds[np.searchsorted(self._track.starts[1:-1], s, side="right")])
 
     def _quickened(self, old: tuple[Phase, ...], factor: Array) -> tuple[Phase, ...]:
         """Return phases of nearly the least time over the same way, or the old ones."""
