@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("folder", metavar="FOLDER")
-@click.argument("more", metavar="", nargs=-1)
+@click.argument("more", metavar="[MACHINE]...", nargs=-1)
 @click.option(
     "-m",
     "--machine",

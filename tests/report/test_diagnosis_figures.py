@@ -18,7 +18,9 @@ def test_the_bars_are_the_steps_in_micrometres():
         "+ Coulomb friction (X)",
     ]
     assert gap.lines[0].get_xdata()[0] == pytest.approx(0.2)
-    assert figure.get_suptitle() == "Coulomb friction is missing from X: 20.4 ± 0.1 N."
+    said, remains = figure.get_suptitle().split("\n")
+    assert said == "Coulomb friction is missing from X: 20.4 ± 0.1 N."
+    assert remains == "3.00 µm rms remain, 15.0 times the noise floor."
 
 
 def test_a_row_a_channel_in_its_unit():
