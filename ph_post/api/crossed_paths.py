@@ -14,9 +14,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.compensated_program import CompensatedProgram, ProgramRequest
 from ph_post.api.led_programs import require_lead
 from ph_post.api.options import CompensateOptions
-from ph_post.api.programs import CompensatedProgram, ProgramRequest, compensate_program
+from ph_post.api.programs import compensate_program
 from ph_post.api.results import MotionResult
 from ph_post.api.reversals import ProgramReversal, path_reversals, program_reversals
 from ph_post.compensate.offsets import may_shift

@@ -6,12 +6,13 @@ from functools import cached_property
 
 import msgspec
 
+from ph_post.api.compensated_program import CompensatedProgram, ProgramRequest
 from ph_post.api.expansion import expanded_job
 from ph_post.api.inputs import Source, machine_named, program_in, raw_job
 from ph_post.api.options import CompensateOptions
 from ph_post.api.outcomes import Compensation, left_words, passed_through
 from ph_post.api.path_compensation import PathCompensation, compensated_path
-from ph_post.api.programs import CompensatedProgram, ProgramRequest, compensate_program
+from ph_post.api.programs import compensate_program
 from ph_post.api.results import AxisReversals, MotionResult
 from ph_post.api.reversals import ProgramReversal, count_program_reversals, program_reversals
 from ph_post.compensate.options import PlanOutput

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis, analyse
-from ph_post.api.programs import CompensatedProgram
+from ph_post.api.compensated_program import CompensatedProgram
 from ph_post.api.results import AxisReversals, count_reversals
 from ph_post.compensate.comparison import PASSED, crossings_at, strategy_at, window_number
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP

@@ -16,11 +16,11 @@ from ph_post.progress import Progress
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ph_post.api.compensated_program import CompensatedProgram
     from ph_post.api.options import CompensateOptions
     from ph_post.api.outcomes import Compensation
     from ph_post.api.path_compensation import PathCompensation
     from ph_post.api.program_compensation import ProgramCompensation
-    from ph_post.api.programs import CompensatedProgram
     from ph_post.compensate.options import PlanOutput
     from ph_post.files.storage import Content, SourceBytes
     from ph_post.report.result_line import ResultSummary
@@ -290,8 +290,8 @@ def compensated_or_original(
         The options of planning by name.
     progress : callable
     """
+    from ph_post.api.compensated_program import CompensatedProgram
     from ph_post.api.inputs import program_in
-    from ph_post.api.programs import CompensatedProgram
     from ph_post.drive.axes import check_axes
     from ph_post.edit.undo import original_of
     from ph_post.simulate.controllers.run import moved_axes

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from ph_post.api.compensated_program import CompensatedProgram
 from ph_post.api.crossed_paths import CrossedPath
 from ph_post.api.led_programs import OverrideError
 from ph_post.api.program_compensation import ProgramCompensation
-from ph_post.api.programs import CompensatedProgram
 from ph_post.api.reversals import ProgramReversal
 from ph_post.files.check import counted
 from ph_post.quantities import millimetres

@@ -8,10 +8,10 @@ from typing import Any, Final
 import msgspec
 
 from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.compensated_program import CompensatedProgram
 from ph_post.api.outcomes import Compensation, left_words, passed_through
 from ph_post.api.path_compensation import PathCompensation
 from ph_post.api.program_compensation import ProgramCompensation
-from ph_post.api.programs import CompensatedProgram
 from ph_post.api.results import (
     AxisReversals,
     MotionResult,

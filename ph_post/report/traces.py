@@ -11,8 +11,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.compensated_program import CompensatedProgram
 from ph_post.api.path_compensation import PathCompensation
-from ph_post.api.programs import CompensatedProgram
 from ph_post.api.results import PlannedMotion, ProgramMotion
 from ph_post.api.reversals import ProgramReversal
 from ph_post.bounds import check_places

@@ -7,8 +7,9 @@ from support.compensated import headed
 from support.corpus import stepper
 from support.editing import with_edits
 
+from ph_post.api.compensated_program import NOTED, ProgramRequest
 from ph_post.api.compensation import compensate
-from ph_post.api.programs import NOTED, ProgramRequest, compensate_program
+from ph_post.api.programs import compensate_program
 from ph_post.compensate.options import PlanOptions
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import EditOptions, Edits, StopEdit

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from ph_post.api.programs import ProgramRequest, compensate_program
+from ph_post.api.compensated_program import ProgramRequest
+from ph_post.api.programs import compensate_program
 from ph_post.compensate.options import PlanOptions
 from ph_post.dialects.reading import read_as
 from ph_post.drive.machinefile import read_machine

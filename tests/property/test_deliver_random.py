@@ -7,7 +7,8 @@ from msgspec.structs import replace
 from support.corpus import stepper
 from support.part_programs import random_program
 
-from ph_post.api.programs import ProgramRequest, compensate_program
+from ph_post.api.compensated_program import ProgramRequest
+from ph_post.api.programs import compensate_program
 from ph_post.compensate.options import PlanOptions
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import EditOptions

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from ph_post.api.programs import ProgramRequest, compensate_program
+from ph_post.api.compensated_program import ProgramRequest
+from ph_post.api.programs import compensate_program
 from ph_post.compensate.options import PlanOptions
 from ph_post.dialects.base import Dialect
 from ph_post.dialects.registry import find_dialect

@@ -1,0 +1,135 @@
+"""A request to compensate a part program, and the program that comes of it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+
+from ph_post.api.led_programs import (
+    HOLDS,
+    OverrideError,
+)
+from ph_post.api.results import ProgramMotion
+from ph_post.compensate.options import PlanOptions
+from ph_post.dialects.declaration import Declaration, read_declaration
+from ph_post.edit.edits import EditOptions, Edits
+from ph_post.edit.window_plans import WindowPlan
+from ph_post.errors import PhPostError
+from ph_post.gcode.paths import line_words
+from ph_post.gcode.program import PartProgram
+from ph_post.progress import Progress, no_progress
+from ph_post.types import Machine
+from ph_post.verify.verdict import Verdict
+
+SHOWN: Final = 3
+"""Failures that the error names where a program does not pass its check."""
+
+NOTED: Final = 20
+"""Warnings that the head of a program holds, where it is to hold them."""
+
+
+class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """A request to compensate a program.
+
+    `plan` has the strategy and its limits, `edit` the options of what is written; with `force` a program that was
+    compensated otherwise before is taken back to its original first. With `noted` the head of the program
+    holds the warnings too, for those who see nothing but the program; `said` are such from before. With `lead` the
+    lead of the servos is written into the path of the program; `lead_left` says that it was asked for and left out.
+    """
+
+    plan: PlanOptions
+    edit: EditOptions
+    force: bool = False
+    noted: bool = False
+    said: tuple[str, ...] = ()
+    lead: bool = False
+    lead_left: bool = False
+
+    def digest(self, dialect: str) -> str:
+        """Hash of all that decides what is written, but the program and the machine's own file."""
+        edit = msgspec.json.decode(msgspec.json.encode(self.edit))
+        del edit["cycle"], edit["largest_first"]
+        for name in ("position_from", "overshoot", "part_side"):
+            # Programs that were compensated before these options were known are still recognized.
+            if not edit[name]:
+                del edit[name]
+        decided = [self.plan, edit, dialect, *(["lead"] if self.lead or self.lead_left else [])]
+        return hashlib.sha256(msgspec.json.encode(decided)).hexdigest()
+
+
+class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A part program before and after.
+
+    `before` is the original, recovered where the input was compensated before; `after` what is to be
+    written, the same where nothing is changed. `declaration` is the one in its header, `edits` are the
+    changes and `windows` the plans behind those of axes inside their loops; `verdict` is the checker's, None
+    where nothing was changed. `done` says that the input was this very compensation already. `overrides` are the
+    errors of a program with the lead of the servos at feed overrides.
+    """
+
+    before: PartProgram
+    after: PartProgram
+    declaration: Declaration | None = None
+    edits: Edits | None = None
+    windows: tuple[WindowPlan, ...] = ()
+    verdict: Verdict | None = None
+    motions: tuple[ProgramMotion, ProgramMotion] | None = None
+    done: bool = False
+    overrides: tuple[OverrideError, ...] = ()
+
+    def run_on(self, machine: Machine, progress: Progress = no_progress) -> tuple[ProgramMotion, ProgramMotion]:
+        """Return the motions before and after on models of controller and drives; one twice where nothing changed."""
+        if self.motions is not None:
+            return self.motions
+        before = ProgramMotion(self.before, self.before, machine, "original", progress)
+        if self.after.data == self.before.data:
+            return before, before
+        name, declared = "compensated program", self.declaration or read_declaration(self.after.data)
+        if declared is not None and declared.led:
+            return before, ProgramMotion(self.after, self.before, machine, name, progress, led=True)
+        return before, ProgramMotion(self.after, self.before, machine, name, progress, before)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings, a sentence each; stretches that are passed through come first."""
+        name, edits = self.before.name, () if self.edits is None else self.edits.warnings
+        notes = self.before.notes
+        lines = [f"{note.first + 1}" + (f" to {note.last + 1}" if note.last > note.first else "") for note in notes]
+        passed = (
+            f"{name}:{line}: {note.what}: passed through unchanged" for line, note in zip(lines, notes, strict=True)
+        )
+        return (*passed, *(_lead_notes(self.after) if self.done else ()), *edits)
+
+
+def _lead_notes(program: PartProgram) -> tuple[str, ...]:
+    """Return the notes in the head of a program that say at which feed override its lead holds."""
+    declared = read_declaration(program.data)
+    return () if declared is None else tuple(note for note in declared.notes if note.startswith(HOLDS))
+
+
+def cycle_time(motion: ProgramMotion) -> float:
+    """Return the time of a program on its controller [s], 0 where it is not known."""
+    try:
+        return motion.time
+    except (PhPostError, MemoryError):
+        return 0.0
+
+
+def head_notes(program: PartProgram, warnings: Sequence[str]) -> tuple[str, ...]:
+    """Warnings for the head of a program; beyond the first ones their number."""
+    passed = (f"{line_words(note.first, note.last)}: {note.what}: passed through unchanged" for note in program.notes)
+    words = [f"warning: {word}" for word in (*passed, *warnings)]
+    more = [f"{len(words) - NOTED} more warnings"] if len(words) > NOTED else []
+    return (*words[:NOTED], *more)
+
+
+def refusal(name: str, verdict: Verdict) -> PhPostError:
+    """Return the error of a program that does not pass its check."""
+    first = "; ".join(one.sentence() for one in verdict.failures[:SHOWN])
+    more = f" and {verdict.found - SHOWN} more" if verdict.found > SHOWN else ""
+    return PhPostError(
+        f"{name}: the compensated program does not pass its own check, and is not written: {first}{more}"
+    )
