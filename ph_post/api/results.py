@@ -275,7 +275,7 @@ class ProgramMotion(MotionResult):
     def command(self) -> Command:
         """Command of the controller in every servo period."""
         self._progress(f"running the {self._name} on a model of the controller")
-        return run_program(self.program, self.machine)
+        return run_program(self.program, self.machine, meet_turns=True)
 
     @cached_property
     def cut(self) -> FollowedCut:

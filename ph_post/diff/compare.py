@@ -167,7 +167,7 @@ def predict_run(program: PartProgram, programmed: PathTiming, machine: Machine) 
         The times are those of the controller, or as programmed where the program is too long to be run.
     """
     try:
-        command = run_program(program, machine)
+        command = run_program(program, machine, meet_turns=True)
     except TooLargeError as error:
         return PredictedRun(programmed, None, f"no times of the controller and no error are predicted: {error}")
     timing = _controller_timing(command, program, programmed)
@@ -230,7 +230,7 @@ def _predicted(
     original = cut
     if target.data != program.data:
         if target.data not in plain:
-            plain[target.data] = run_program(target, machine)
+            plain[target.data] = run_program(target, machine, meet_turns=True)
         original = follow_cut(plain[target.data], machine, target, moved_by=target)
     own = program_gap_error(cut, original, (found.run.scenario,))
     return found.error, own, program_gap_error(cut, original, known) if worst else None

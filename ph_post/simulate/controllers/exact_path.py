@@ -390,12 +390,30 @@ def plan_trapezoids(blocks: StraightBlocks, planner: ExactPath, limits: Array) -
     return Trapezoids(square, times, begins, float(begins[-1] + taken[-1]) if taken.size else 0.0)
 
 
+def _meet_turns(blocks: StraightBlocks, begins: Array, period: float, way: Array, block: IntArray) -> None:
+    """Move the rows next to where an axis turns back between two blocks onto these places.
+
+    Motors come there, and carry their tables along; between two rows it would not show.
+    """
+    turns = 1 + np.flatnonzero((blocks.unit[1:] * blocks.unit[:-1] < 0.0).any(axis=1) & (blocks.joined[1:] > 0))
+    row = np.rint(begins[turns] / period).astype(np.int64)
+    inside = (row > 0) & (row < way.size - 1)
+    way[row[inside]], block[row[inside]] = 0.0, turns[inside]
+
+
 def exact_rows(
-    blocks: StraightBlocks, planner: ExactPath, limits: Array, period: float, program: PartProgram
+    blocks: StraightBlocks,
+    planner: ExactPath,
+    limits: Array,
+    period: float,
+    program: PartProgram,
+    *,
+    meet_turns: bool = False,
 ) -> tuple[Array, IntArray, Array]:
     """Return position (m, 3) [m], motion and share of it in every period, as :func:`plan_trapezoids` plans them.
 
-    The first row is the beginning, and the last the end, at rest.
+    The first row is the beginning, and the last the end, at rest. To `meet_turns` the rows next to where an axis turns
+    back are moved there, by half a period at most.
 
     Raises
     ------
@@ -409,6 +427,8 @@ def exact_rows(
     count = math.ceil(plan.total / period - ROUNDING) + 1
     way, block = np.empty(count), np.empty(count, dtype=np.int64)
     sample(plan.square, plan.times, blocks.push, blocks.length, plan.begins, period, way, block)
+    if meet_turns:
+        _meet_turns(blocks, plan.begins, period, way, block)
     part = way / blocks.length[block]
     position = blocks.start[block] + part[:, None] * (blocks.end[block] - blocks.start[block])
     position[part == 1.0] = blocks.end[block[part == 1.0]]

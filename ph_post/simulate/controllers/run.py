@@ -17,6 +17,7 @@ import numpy as np
 from ph_post.bounds import MOST_SAMPLES
 from ph_post.compiling import compiled, inner
 from ph_post.dialects.planners import planner_of
+from ph_post.drive.cascade import response_time
 from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, PartProgram
 from ph_post.simulate.controllers.chords import StraightBlocks, straight_blocks
 from ph_post.simulate.controllers.durations import check_duration, refuse_run
@@ -353,7 +354,9 @@ ROOM: Final = 1 << 16
 """Rows that are filled at a time."""
 
 
-def run_program(program: PartProgram, machine: Machine, planner: ControllerPlanner | None = None) -> Command:
+def run_program(
+    program: PartProgram, machine: Machine, planner: ControllerPlanner | None = None, *, meet_turns: bool = False
+) -> Command:
     """Run a program on a model of its controller.
 
     Parameters
@@ -363,6 +366,9 @@ def run_program(program: PartProgram, machine: Machine, planner: ControllerPlann
         Its limits and servo period are the controller's.
     planner : ExactPath or RoundedPath, optional
         In place of the machine's own.
+    meet_turns : bool, optional
+        Where motors follow at once, and blocks exactly, move the rows next to where an axis turns back there: tables
+        are carried as far. Times are off by half a period at most.
 
     Returns
     -------
@@ -380,7 +386,9 @@ def run_program(program: PartProgram, machine: Machine, planner: ControllerPlann
     planner = planner_of(machine) if planner is None else planner
     if isinstance(planner, ExactPath):
         blocks = _blocks(program, limits, planner, period)
-        return _command(exact_rows(blocks, planner, limits, period, program), machine)
+        meet_turns = meet_turns and not any(response_time(axis.servo) for axis in machine.axes.values())
+        rows = exact_rows(blocks, planner, limits, period, program, meet_turns=meet_turns)
+        return _command(rows, machine)
     rows = _run(*_planned(_moves(program, limits, planner, period), limits, period), period, program)
     return _command(rows, machine)
 
