@@ -176,7 +176,7 @@ def test_a_feedback_other_than_the_files_is_refused(capsys, load_log):
     [
         (
             np.zeros(3000),
-            "feedforward, read for 0.2 s at least; got a reading that stands still",
+            "no reading changes from the first sample to the last: nothing was measured",
         ),
         (None, "no position was recorded; expected X_act or X_motor [mm]"),
     ],

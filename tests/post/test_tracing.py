@@ -224,7 +224,7 @@ def test_the_post_processor_is_that_of_the_dialect_whatever_the_machine_has_besi
     assert answer(NO_MOVES, replace(read_machine("mill"), dialect=dialect))["post"] == post
 
 
-@pytest.mark.parametrize("dialect", ["siemens", "heidenhain", "heidenhain-iso+tolerance"])
+@pytest.mark.parametrize("dialect", ["heidenhain-iso", "heidenhain-iso+tolerance"])
 def test_a_job_that_cannot_be_compensated_is_refused_before_it_is_posted(dialect):
     with pytest.raises(InputError, match=f"programs of {re.escape(dialect)} cannot be edited: "):
         answer(NO_MOVES, replace(read_machine("mill"), dialect=dialect))
