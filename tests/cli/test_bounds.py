@@ -100,7 +100,7 @@ def test_a_picture_of_what_cannot_be_simulated_is_refused_before_anything_is_wri
 
 
 def test_where_the_simulation_fails_the_program_is_written_all_the_same(job, capsys, tmp_path, monkeypatch):
-    def out_of_memory(*_args):
+    def out_of_memory(*_args, **_how):
         raise MemoryError
 
     monkeypatch.setattr("ph_post.api.results.run_program", out_of_memory)

@@ -409,11 +409,11 @@ def exact_rows(
     program: PartProgram,
     *,
     meet_turns: bool = False,
-) -> tuple[Array, IntArray, Array]:
-    """Return position (m, 3) [m], motion and share of it in every period, as :func:`plan_trapezoids` plans them.
+) -> tuple[Array, IntArray, Array, Array]:
+    """Return position (m, 3) [m], motion and share of it in every period, and the ways (m - 1,) [m] between them.
 
-    The first row is the beginning, and the last the end, at rest. To `meet_turns` the rows next to where an axis turns
-    back are moved there, by half a period at most.
+    Speeds are those of :func:`plan_trapezoids`. The first row is the beginning, and the last the end, at rest. To
+    `meet_turns` the rows next to where an axis turns back are moved there, by half a period at most; the ways stay.
 
     Raises
     ------
@@ -421,19 +421,30 @@ def exact_rows(
         Where there are too many periods.
     """
     if blocks.length.size == 0:
-        return np.zeros((1, 3)), np.array([-1]), np.zeros(1)
+        return np.zeros((1, 3)), np.array([-1]), np.zeros(1), np.zeros(0)
     plan = plan_trapezoids(blocks, planner, limits)
     check_duration(program, blocks.motion, blocks.pause + plan.times.sum(axis=1), period)
     count = math.ceil(plan.total / period - ROUNDING) + 1
     way, block = np.empty(count), np.empty(count, dtype=np.int64)
     sample(plan.square, plan.times, blocks.push, blocks.length, plan.begins, period, way, block)
+    steps = steps_of(_positions(blocks, way, block))
     if meet_turns:
         _meet_turns(blocks, plan.begins, period, way, block)
+    share = blocks.share0[block] + way / blocks.length[block] * (blocks.share1[block] - blocks.share0[block])
+    motion = blocks.motion[block]
+    motion[0], share[0], share[-1] = -1, 0.0, blocks.share1[-1]
+    return _positions(blocks, way, block), motion, share, steps
+
+
+def _positions(blocks: StraightBlocks, way: Array, block: IntArray) -> Array:
+    """Positions (m, 3) [m] of rows that have come some way along blocks; the last is the end of all."""
     part = way / blocks.length[block]
     position = blocks.start[block] + part[:, None] * (blocks.end[block] - blocks.start[block])
     position[part == 1.0] = blocks.end[block[part == 1.0]]
-    share = blocks.share0[block] + part * (blocks.share1[block] - blocks.share0[block])
-    motion = blocks.motion[block]
-    motion[0], share[0] = -1, 0.0
-    position[-1], share[-1] = blocks.end[-1], blocks.share1[-1]
-    return position, motion, share
+    position[-1] = blocks.end[-1]
+    return np.asarray(position)
+
+
+def steps_of(position: Array) -> Array:
+    """Ways (m - 1,) [m] from row to row of positions (m, 3) [m]."""
+    return np.asarray(np.sqrt((np.diff(position, axis=0) ** 2).sum(axis=1)))

@@ -21,7 +21,7 @@ from ph_post.drive.cascade import response_time
 from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, PartProgram
 from ph_post.simulate.controllers.chords import StraightBlocks, straight_blocks
 from ph_post.simulate.controllers.durations import check_duration, refuse_run
-from ph_post.simulate.controllers.exact_path import exact_rows
+from ph_post.simulate.controllers.exact_path import exact_rows, steps_of
 from ph_post.simulate.controllers.legs import (
     ACROSS,
     DRAINS,
@@ -387,10 +387,9 @@ def run_program(
     if isinstance(planner, ExactPath):
         blocks = _blocks(program, limits, planner, period)
         meet_turns = meet_turns and not any(response_time(axis.servo) for axis in machine.axes.values())
-        rows = exact_rows(blocks, planner, limits, period, program, meet_turns=meet_turns)
-        return _command(rows, machine)
+        return _command(*exact_rows(blocks, planner, limits, period, program, meet_turns=meet_turns), machine)
     rows = _run(*_planned(_moves(program, limits, planner, period), limits, period), period, program)
-    return _command(rows, machine)
+    return _command(*rows, steps_of(rows[0]), machine)
 
 
 def check_run(program: PartProgram, machine: Machine) -> None:
@@ -495,12 +494,10 @@ def _beginning(legs: Array) -> Array:
     return np.asarray(first[ORIGIN : ORIGIN + 3] + first[RADIUS] * first[FIRST : FIRST + 3])
 
 
-def _command(rows: Rows, machine: Machine) -> Command:
-    position, motion, share = rows
+def _command(position: Array, motion: IntArray, share: Array, steps: Array, machine: Machine) -> Command:
     names = tuple(name for name in AXES if name in machine.axes)
     columns = [AXES.index(name) for name in names]
     period = machine.servo_period
-    steps = np.sqrt((np.diff(position, axis=0) ** 2).sum(axis=1))
     count = len(position)
     return Command(
         axes=names,
