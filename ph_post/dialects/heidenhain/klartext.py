@@ -1,11 +1,11 @@
 """Heidenhain's conversational language, read as far as motion goes.
 
-Followed are L, CC, C, CR with X, Y, Z and their increments (IX), F, FMAX, R0, RL, RR, TOOL CALL, STOP, M
-functions that are the same on every machine, cycles 9 (dwell) and 32 (tolerance); datum shifts and turned
-frames are noticed (cycles 7, 8, 10, 11, 19, 26, 247, PLANE). Everything else is named and passed through:
-tangential arcs, polar coordinates, free contours, roundings and chamfers (with the move before them, whose
-end they cut off), Q parameters, calls of cycles and labels, and what a jump or a repeat may run twice. What
-the words mean stands in :mod:`ph_post.dialects.heidenhain.dialect`.
+Followed are L, CC, C, CR with X, Y, Z and their increments (IX), CP with PA or IPA, F, FMAX, a Q parameter that is set
+to a number as a feed, R0, RL, RR, TOOL CALL, STOP, M functions that are the same on every machine, cycles 9 (dwell)
+and 32 (tolerance); datum shifts and turned frames are noticed (cycles 7, 8, 10, 11, 19, 26, 247, PLANE). Everything
+else is named and passed through: tangential arcs, other polar coordinates, free contours, roundings and chamfers (with
+the move before them, whose end they cut off), other Q parameters, calls of cycles and labels, and what a jump or a
+repeat may run twice. What the words mean stands in :mod:`ph_post.dialects.heidenhain.dialect`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import re
 from decimal import Decimal
 from typing import Final
 
-from ph_post.dialects.heidenhain.table import WordRows
+from ph_post.dialects.heidenhain.table import KlartextRows
 from ph_post.dialects.heidenhain.tnc import (
     JUMPED,
     NUMBER,
@@ -45,7 +45,7 @@ _TOOL: Final = re.compile(r"TOOL\s+CALL\b\s*(\"[^\"]*\"|Q[LRS]?\d+|\d+(?:\.\d+)?
 _QUIET: Final = ("BLK FORM", "TOOL DEF", "BEGIN PGM")
 _TURNS: Final = frozenset((8, 10, 11, 19, 26))
 _SHIFTS: Final = frozenset((7, 247))
-_OTHERS: Final = re.compile(r"CTP|CT|CP|LP|LCT|LN|FPOL|FLT|FL|FCT|FC|APPR|DEP|SPL")
+_OTHERS: Final = re.compile(r"CTP|CT|LP|LCT|LN|FPOL|FLT|FL|FCT|FC|APPR|DEP|SPL")
 _INCLINED: Final = "PLANE"
 
 
@@ -66,7 +66,7 @@ _LANGUAGE: Final = TncLanguage(
         JUMPED: re.compile(r"GOTO\s+LBL\s+(\S+)"),
     },
     label_words="LBL",
-    rows=WordRows,
+    rows=KlartextRows,
 )
 
 
@@ -76,7 +76,7 @@ def read_klartext(data: bytes, name: str) -> PartProgram:
     Raises
     ------
     InputError
-        Where the text is no such program, or jumps to where nobody knows.
+        Where the text is no such program.
     """
     source = TncSource(data, name, _LANGUAGE)
     _, head = source.head()

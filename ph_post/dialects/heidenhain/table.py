@@ -7,15 +7,12 @@ a place that is shifted already. ``CC`` has the centre of the circle behind it, 
 from __future__ import annotations
 
 import re
-import zlib
 from collections.abc import Sequence
 from decimal import Decimal
 from typing import Final
 
-import numpy as np
-
-from ph_post.gcode.program import AXES, CENTERS, WordTable
-from ph_post.types import sealed
+from ph_post.dialects.wordrows import OTHER, WordRows, sum_of
+from ph_post.gcode.program import AXES, CENTERS
 
 _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 _PREFIX: Final = re.compile(r"\s*(?:\d+(?=\s|$))?\s*")
@@ -30,8 +27,6 @@ _DWELL: Final = re.compile(rf"CYCL\s+DEF\s+9\.1\b.*?({_NUMBER})\s*$", re.IGNOREC
 _BEGINS_DWELL: Final = re.compile(r"CYCL\s+DEF\s+9\.0\b", re.IGNORECASE)
 _TOOL: Final = re.compile(rf"TOOL\s+CALL\b.*?(?<![A-Z])F\s*({_NUMBER})", re.IGNORECASE)
 _FUNCTIONS: Final = re.compile(r"(?:M\s*\d+\s*)+", re.IGNORECASE)
-_OTHER: Final = "O"
-_MOST: Final = 18
 
 
 def parts_of(line: str) -> tuple[str, str, str]:
@@ -49,16 +44,11 @@ def parts_of(line: str) -> tuple[str, str, str]:
     return line[:begin], line[begin:end], line[end:]
 
 
-class WordRows:
-    """The rows of a word table in the making."""
-
-    def __init__(self) -> None:
-        self._rows: list[tuple[int, int, int, int, int, int]] = []
-        self._feed = ""
+class KlartextRows(WordRows):
+    """The rows of the word table of a conversational program."""
 
     def add(self, block: int, base: int, line: str, feed: Decimal | None = None) -> None:
         """Add the words of a line whose first byte is at `base`; `feed` is what a parameter gives it."""
-        self._feed = "" if feed is None else str(feed)
         number, words, _ = parts_of(line)
         base += len(number)
         bare = words.rstrip()
@@ -67,60 +57,42 @@ class WordRows:
         keyword = _KEYWORD.match(bare)
         dwell, tool = _DWELL.match(bare), _TOOL.match(bare)
         if dwell is not None:
-            self._row(block, "G", base, base + len("CYCL"), "4")
-            self._row(block, "P", base + dwell.start(1) - 1, base + dwell.end(1), dwell[1])
+            self.put(block, "G", base, base + len("CYCL"), Decimal(4))
+            self.put(block, "P", base + dwell.start(1) - 1, base + dwell.end(1), Decimal(dwell[1]))
         elif _FUNCTIONS.fullmatch(bare):
-            self._words(block, base, bare, centre=False)
+            self._words(block, base, bare, feed, centre=False)
         elif keyword is None:
-            self._row(block, _OTHER, base, base + len(bare), str(zlib.crc32(bare.upper().encode()) % 10**6))
+            self.put(block, OTHER, base, base + len(bare), sum_of(bare))
             if tool is not None:
-                self._row(block, "F", base + tool.start(1) - 1, base + tool.end(1), tool[1])
+                self.put(block, "F", base + tool.start(1) - 1, base + tool.end(1), Decimal(tool[1]))
         elif keyword[0].upper() == "CC":
-            self._words(block, base, bare, centre=True)
+            self._words(block, base, bare, feed, centre=True)
         else:
-            mode = "1" if keyword[0].upper() == "L" else "3" if re.search(r"DR\s*\+", bare, re.IGNORECASE) else "2"
-            rapid = mode == "1" and re.search(r"F\s*MAX", bare, re.IGNORECASE) is not None
-            self._row(block, "G", base, base + keyword.end(), "0" if rapid else mode)
-            self._words(block, base, bare, centre=False)
+            mode = 1 if keyword[0].upper() == "L" else 3 if re.search(r"DR\s*\+", bare, re.IGNORECASE) else 2
+            rapid = mode == 1 and re.search(r"F\s*MAX", bare, re.IGNORECASE) is not None
+            self.put(block, "G", base, base + keyword.end(), Decimal(0 if rapid else mode))
+            self._words(block, base, bare, feed, centre=False)
 
-    def _words(self, block: int, base: int, bare: str, *, centre: bool) -> None:
+    def _words(self, block: int, base: int, bare: str, feed: Decimal | None, *, centre: bool) -> None:
         keyword = _KEYWORD.match(bare)
         for found in _TOKEN.finditer(bare, keyword.end() if keyword else 0):
+            start, end = base + found.start(), base + found.end()
             if found["axis"]:
                 axis = found["axis"].upper()
                 letter = CENTERS[axis] if centre and axis in AXES else axis
-                plain = not found["step"] and axis in AXES and re.fullmatch(_NUMBER, found["number"])
-                self._row(
-                    block, letter, base + found.start("axis"), base + found.end(), found["number"] if plain else ""
-                )
+                plain = not found["step"] and axis in AXES
+                self.put(block, letter, base + found.start("axis"), end, _decimal(found["number"]) if plain else None)
             elif found["radius"]:
-                self._row(block, "R", base + found.start(), base + found.end(), found["length"])
+                self.put(block, "R", start, end, Decimal(found["length"]))
             elif found["feed"]:
-                self._row(block, "F", base + found.start(), base + found.end(), self._feed or found["speed"])
+                self.put(block, "F", start, end, _decimal(found["speed"]) if feed is None else feed)
             elif found["function"]:
-                self._row(block, "M", base + found.start(), base + found.end(), found["code"])
+                self.put(block, "M", start, end, Decimal(found["code"]))
 
-    def _row(self, block: int, letter: str, start: int, end: int, number: str) -> None:
-        digits, decimals = 0, -1
-        if number and number[0].upper() != "Q":
-            sign, figures, exponent = Decimal(number).as_tuple()
-            if isinstance(exponent, int) and len(figures) <= _MOST and -exponent <= _MOST:
-                digits, decimals = int("".join(map(str, figures))) * (-1 if sign else 1), max(-exponent, 0)
-        self._rows.append((block, ord(letter), start, end, digits, decimals))
 
-    def table(self) -> WordTable:
-        """Return the table."""
-        block, letter, start, end, digits, decimals = np.array(self._rows, dtype=np.int64).reshape(-1, 6).T
-        value = np.where(decimals >= 0, digits / 10.0 ** np.maximum(decimals, 0), np.nan)
-        return WordTable(
-            block=sealed(block.astype(np.int32)),
-            letter=sealed(letter.astype(np.uint8)),
-            start=sealed(start.astype(np.int32)),
-            end=sealed(end.astype(np.int32)),
-            value=sealed(value),
-            digits=sealed(digits),
-            decimals=sealed(decimals.astype(np.int16)),
-        )
+def _decimal(text: str) -> Decimal | None:
+    """Return a number; None of a parameter, and where there is a comma."""
+    return Decimal(text) if re.fullmatch(_NUMBER, text) else None
 
 
 _PLACES: Final = {center: axis for axis, center in CENTERS.items()}

@@ -14,7 +14,7 @@ from typing import Final
 import msgspec
 from msgspec.structs import replace
 
-from ph_post.dialects.heidenhain.table import WordRows
+from ph_post.dialects.heidenhain.table import KlartextRows
 from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark, line_error, read_translated, text_of
 from ph_post.errors import InputError
 from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram
@@ -355,7 +355,7 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
     label: re.Pattern[str]
     calls: Mapping[str, re.Pattern[str]]
     label_words: str
-    rows: Callable[[], WordRows] | None = None
+    rows: Callable[[], KlartextRows] | None = None
 
 
 class TncSource:

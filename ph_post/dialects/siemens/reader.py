@@ -1,8 +1,8 @@
 """Read programs in Siemens language in translation, as far as their motion goes.
 
-The words are documented in :mod:`ph_post.dialects.siemens.dialect`. Computed values (R parameters, expressions,
-system variables), cycles, subprograms, splines through points, and frames are passed through and named; a
-program that jumps is refused, as its motion does not follow from the order of its lines.
+The words are documented in :mod:`ph_post.dialects.siemens.dialect`. R parameters are worked out where
+lines run in their order. Other computed values (system variables, functions), cycles, subprograms, splines through
+points, frames, and the lines that a jump or a loop may skip or repeat are passed through and named.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ph_post.dialects.siemens import words as tables
 from ph_post.dialects.siemens.jumps import find_stretches
 from ph_post.dialects.siemens.motions import with_extras
 from ph_post.dialects.siemens.parameters import evaluate
-from ph_post.dialects.siemens.table import WordRows
+from ph_post.dialects.siemens.table import SiemensRows
 from ph_post.dialects.siemens.words import (
     CircleWords,
     Extras,
@@ -83,7 +83,7 @@ class Translator:
     def __init__(self, *, computes: bool = True, forced: Mapping[int, str] = {}) -> None:
         self.extras = Extras(polynomials={}, circles={}, profiles={}, remarks={})
         self.modes = SiemensModes()
-        self.rows = WordRows()
+        self.rows = SiemensRows()
         self.motions: dict[int, str] = {}
         self._computes, self._forced = computes, forced
 

@@ -7,40 +7,32 @@ character before it; of any other word all is there, so that ``X=IC(5)`` can bec
 from __future__ import annotations
 
 import re
-import zlib
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from typing import Final
 
-import numpy as np
-
 from ph_post.dialects.siemens import words as tables
 from ph_post.dialects.siemens.words import Word
-from ph_post.gcode.program import WordTable
-from ph_post.types import sealed
+from ph_post.dialects.wordrows import OTHER, WordRows, sum_of
 
 OWN_MODE: Final = 5.0
 """In the place of the G of a motion that has a word of its own: CIP, POLY, splines."""
 
 _LETTERS: Final[Mapping[str, str]] = {"CR": "R", "I1": "I", "J1": "J", "K1": "K", "TURN": "P"}
-_OTHER: Final = "O"
-"""Letter of a word that the table has no number of: by the sum of its characters it is found again."""
 
 _MOVING: Final = frozenset("XYZABCUVWIJKRF")
 _POINTS: Final = frozenset(("I1", "J1", "K1"))
 _NUMBER: Final = re.compile(r"[-+]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?[ \t]*\)?[ \t]*\Z", re.IGNORECASE)
 _NAMED: Final = re.compile(r"[A-Z]\w*[ \t]*=[ \t]*((?:AC|IC)[ \t]*\([ \t]*)?\Z", re.IGNORECASE)
 _CLOSED: Final = re.compile(r"[ \t]*\)")
-_MOST: Final = 18
-"""Digits of a 64-bit number."""
 
 
-class WordRows:
+class SiemensRows(WordRows):
     """The rows of a word table in the making; `centred` are lines whose arc has a place as its centre."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.centred: list[int] = []
-        self._rows: list[tuple[int, int, int, int, int, int]] = []
 
     def add(self, block: int, base: int, words: Sequence[Word], *, dwell: bool, absolute: bool) -> None:
         """Add the words of a line.
@@ -65,24 +57,7 @@ class WordRows:
                     begin += number.start() - 1
                     end = begin + 1 + len(number[0].rstrip(" \t)"))
                     self.centred.append(block)
-            digits, decimals = _exact(value)
-            self._rows.append((block, ord(letter), base + begin, base + end, digits, decimals))
-
-    def table(self) -> WordTable:
-        """Return the table."""
-        block, letter, start, end, digits, decimals = np.array(self._rows, dtype=np.int64).reshape(-1, 6).T
-        known = decimals >= 0
-        with np.errstate(invalid="ignore"):
-            value = np.where(known, digits / 10.0 ** np.maximum(decimals, 0), np.nan)
-        return WordTable(
-            block=sealed(block.astype(np.int32)),
-            letter=sealed(letter.astype(np.uint8)),
-            start=sealed(start.astype(np.int32)),
-            end=sealed(end.astype(np.int32)),
-            value=sealed(value),
-            digits=sealed(np.where(known, digits, 0)),
-            decimals=sealed(decimals.astype(np.int16)),
-        )
+            self.put(block, letter, base + begin, base + end, value)
 
 
 def whole_word(line: str, start: int, end: int) -> tuple[int, int]:
@@ -111,7 +86,7 @@ def _letter_and_value(word: Word, *, dwell: bool) -> tuple[str, Decimal | None]:
     if word.kind in ("computed", "assigned") and name in _MOVING:
         return name, None
     if not plain or len(name) != 1 or not name.isalpha() or name == "N" or (dwell and name == "S"):
-        return _OTHER, Decimal(zlib.crc32(word.text.strip().upper().encode()) % 10**6)
+        return OTHER, sum_of(word.text.strip())
     value = Decimal(word.values[0])
     if dwell and name == "F":
         return "P", value
@@ -123,14 +98,3 @@ def _is_place(word: Word, absolute: bool) -> bool:
     if word.name in _POINTS:
         return word.function == "AC" or (absolute and not word.function)
     return word.function == "AC"
-
-
-def _exact(value: Decimal | None) -> tuple[int, int]:
-    """Return a number as digits and decimals; -1 decimals where it is none, or has too many."""
-    if value is None:
-        return 0, -1
-    sign, digits, exponent = value.as_tuple()
-    if not isinstance(exponent, int) or len(digits) + max(exponent, 0) > _MOST or -exponent > _MOST:
-        return 0, -1
-    number = int("".join(map(str, digits))) * 10 ** max(exponent, 0)
-    return -number if sign else number, max(-exponent, 0)
