@@ -10,7 +10,7 @@ from ph_post.api.options import CompensateOptions
 from ph_post.dialects.declaration import read_declaration
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
-from ph_post.expand.expand import ExpandError, Expansion, Folders, expand, expand_fanuc
+from ph_post.expand.expand import ExpandError, Expansion, Folders, expand
 from ph_post.expand.writing import Written, is_written_out, read_written
 from ph_post.files.storage import SourceBytes, read_source
 from ph_post.gcode.program import PartProgram
@@ -52,10 +52,8 @@ def expanded_job(
         return job, (f"{job.name}: not written out: programs of {dialect} are taken as they are",)
     folders = Folders(_folders(job.name, options.subprograms))
     try:
-        if base == "fanuc":
-            found = expand_fanuc(job.data, job.name, folders, decimals=4 if "isc" in dialect else 3)
-        else:
-            found = expand(job.data, job.name, folders, parameters=parameters)
+        decimals = None if base != "fanuc" else 4 if "isc" in dialect else 3
+        found = expand(job.data, job.name, folders, fanuc_decimals=decimals, parameters=parameters)
     except ExpandError as error:
         where = f"{error.file or job.name}:{max(error.line, 1)}"
         if options.strict:
@@ -133,6 +131,7 @@ def written_out(original: PartProgram, compensated: PartProgram) -> PartProgram:
 
 def _again(original: PartProgram, kept: Written) -> bytes:
     folders = Folders(known=kept.files)
-    if kept.dialect.startswith("fanuc"):
-        return expand_fanuc(original.data, original.name, folders, decimals=int(kept.dialect.split()[1])).data
-    return expand(original.data, original.name, folders, parameters=kept.parameters).data
+    again = expand(
+        original.data, original.name, folders, fanuc_decimals=kept.fanuc_decimals, parameters=kept.parameters
+    )
+    return again.data

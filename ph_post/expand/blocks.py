@@ -8,9 +8,9 @@ from typing import Final
 
 from ph_post.expand.cycles import CYCLES, MOVING, CycleMemory, CycleWriter
 from ph_post.expand.faults import ExpandError, NotExpandableError
-from ph_post.expand.lines import Line, Word
-from ph_post.expand.machine import AXES, GROUP_OF, MOTIONS, Machine
-from ph_post.expand.offsets import Offsets
+from ph_post.expand.lines import LineWord, ProgramLine
+from ph_post.expand.machine import AXES, GROUP_OF, MOTIONS, MachineState
+from ph_post.expand.offsets import WorkOffsets
 from ph_post.expand.values import UNKNOWN, Store
 from ph_post.expand.writing import number_text
 
@@ -24,25 +24,25 @@ STOPS: Final = (2, 30)
 """M words that end a program."""
 
 
-class Blocks:
+class BlockRunner:
     """Runs blocks, and writes them out to `lines`.
 
     Parameters
     ----------
     store : Store
-    machine : Machine
-    offsets : Offsets
+    machine : MachineState
+    offsets : WorkOffsets
     decimals : int
     """
 
-    def __init__(self, store: Store, machine: Machine, offsets: Offsets, decimals: int) -> None:
+    def __init__(self, store: Store, machine: MachineState, offsets: WorkOffsets, decimals: int) -> None:
         self.store, self.machine, self.offsets, self.decimals = store, machine, offsets, decimals
         self.lines: list[str] = []
         self.memory = CycleMemory()
         self.notes: dict[str, None] = {}
         self.changed = False
 
-    def run(self, line: Line, *, keep: bool) -> bool:
+    def run(self, line: ProgramLine, *, keep: bool) -> bool:
         """Run a line; True where it ends the program. With `keep` a comment that is no order is kept.
 
         Raises
@@ -72,7 +72,7 @@ class Blocks:
             self.machine.forget(AXES if odd else "".join(a for a in AXES if a in words) if line.optional else "")
         return any(order in STOPS for order in orders)
 
-    def _value(self, word: Word) -> float:
+    def _value(self, word: LineWord) -> float:
         if word.plain is not None:
             return word.plain
         value = word.value(self.store)
@@ -81,7 +81,7 @@ class Blocks:
             return round(value, 1)
         return value
 
-    def _set(self, line: Line) -> None:
+    def _set(self, line: ProgramLine) -> None:
         found: list[tuple[int | str, float]] = []
         for one in line.settings:
             key = one.name or self.store.index_of(one.index(self.store) if one.index else UNKNOWN)
@@ -143,7 +143,7 @@ class Blocks:
         moves = any(axis in words for axis in (*AXES, "@", "^"))
         return self.machine.motion if moves else -1
 
-    def _cycle(self, line: Line, values: list[float], motion: int, words: dict[str, float]) -> None:
+    def _cycle(self, line: ProgramLine, values: list[float], motion: int, words: dict[str, float]) -> None:
         machine, memory = self.machine, self.memory
         if machine.motion not in CYCLES:
             memory.initial = None
@@ -157,7 +157,7 @@ class Blocks:
         rest = [
             f"{word.letter.upper()}{number_text(value, self.decimals)}"
             for word, value in values_of(line, values)
-            if not _belongs(word.letter, value, words)
+            if not _belongs(word.letter, value)
         ]
         comments = [f"({text})" for text in line.comments]
         if rest or comments:
@@ -172,7 +172,7 @@ class Blocks:
             self.lines.append(" ".join(back))
         self.changed = True
 
-    def _write(self, line: Line, values: list[float], *, keep: bool, standing: bool = False) -> None:
+    def _write(self, line: ProgramLine, values: list[float], *, keep: bool, standing: bool = False) -> None:
         if not line.computed and not line.active:
             if line.words or keep:
                 self.lines.append(line.text)
@@ -196,10 +196,10 @@ class Blocks:
         if texts:
             self.lines.append(("/" if line.optional else "") + " ".join(texts))
 
-    def _text(self, word: Word, value: float) -> str:
+    def _text(self, word: LineWord, value: float) -> str:
         return number_text(value, 1 if word.letter in "gm" else self.decimals)
 
-    def _polar(self, line: Line, values: list[float]) -> list[str]:
+    def _polar(self, line: ProgramLine, values: list[float]) -> list[str]:
         machine = self.machine
         words = {word.letter: value for word, value in values_of(line, values)}
         end = machine.target(words)
@@ -212,7 +212,7 @@ class Blocks:
             found.append(f"{axis.upper()}{number_text(value * double, self.decimals)}")
         return found
 
-    def _center(self, line: Line, values: list[float], texts: list[str]) -> list[str]:
+    def _center(self, line: ProgramLine, values: list[float], texts: list[str]) -> list[str]:
         """Put the centre of an arc in the place of its radius, which tells a half circle's centre but roughly."""
         words = {word.letter: value for word, value in values_of(line, values) if word.letter not in "gm"}
         codes = [round(10.0 * value) for word, value in values_of(line, values) if word.letter == "g"]
@@ -235,7 +235,7 @@ class Blocks:
         return kept + texts[len(self._shown(line)) :]
 
     @staticmethod
-    def _shown(line: Line) -> list[Word]:
+    def _shown(line: ProgramLine) -> list[LineWord]:
         return [word for word in line.words if word.letter not in "@^"]
 
     def _comment(self, text: str) -> str:
@@ -244,7 +244,8 @@ class Blocks:
             return text
         style = ["%.6f"]
 
-        def put(found: re.Match[str]) -> str:
+        def shown(found: re.Match[str]) -> str:
+            """Return the value of a parameter; a format is left out and kept for the values behind it."""
             if found[0].startswith("%"):
                 style[0] = {"%d": "%.0f", "%f": "%.4f"}.get(found[0], found[0])
                 return ""
@@ -258,7 +259,7 @@ class Blocks:
             self.changed = True
             return style[0] % (value or 0.0)
 
-        return _COMPUTED.sub(put, text)
+        return _COMPUTED.sub(shown, text)
 
     def _move(self, codes: list[int], motion: int, words: dict[str, float]) -> None:
         """Follow the place of a block that is written as it is."""
@@ -288,14 +289,13 @@ class Blocks:
         machine.motion = motion
 
 
-def values_of(line: Line, values: list[float]) -> list[tuple[Word, float]]:
+def values_of(line: ProgramLine, values: list[float]) -> list[tuple[LineWord, float]]:
     """Return the words of a line beside their values."""
     return list(zip(line.words, values, strict=True))
 
 
-def _belongs(letter: str, value: float, words: dict[str, float]) -> bool:
+def _belongs(letter: str, value: float) -> bool:
     """Return whether a word is part of a cycle."""
     if letter == "g":
         return round(10.0 * value) in MOVING
-    del words
     return letter in "xyzabcuvwrqpl@^"

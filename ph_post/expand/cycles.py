@@ -9,7 +9,7 @@ import math
 from typing import Final
 
 from ph_post.expand.faults import ExpandError, NotExpandableError
-from ph_post.expand.machine import Machine
+from ph_post.expand.machine import MachineState
 from ph_post.expand.writing import number_text
 
 MOVING: Final = (730, 810, 820, 830, 850, 860, 890)
@@ -43,7 +43,7 @@ class CycleWriter:
 
     Parameters
     ----------
-    machine : Machine
+    machine : MachineState
     memory : CycleMemory
     decimals : int
     stops : bool
@@ -52,7 +52,7 @@ class CycleWriter:
     Of the `lines`, the first `raised` come before the path is exact.
     """
 
-    def __init__(self, machine: Machine, memory: CycleMemory, decimals: int, *, stops: bool = False) -> None:
+    def __init__(self, machine: MachineState, memory: CycleMemory, decimals: int, *, stops: bool = False) -> None:
         self._machine, self._memory, self._decimals, self._stops = machine, memory, decimals, stops
         self.lines: list[str] = []
         self.raised = 0

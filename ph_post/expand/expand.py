@@ -13,7 +13,7 @@ import msgspec
 from ph_post.expand.fanuc import FanucRunner
 from ph_post.expand.faults import ExpandError
 from ph_post.expand.lines import Source
-from ph_post.expand.run import Runner
+from ph_post.expand.run import ProgramRunner
 from ph_post.expand.writing import DECIMALS, Written, head_line, is_written_out, with_original
 
 _NEEDED: Final = re.compile(
@@ -23,7 +23,11 @@ _NEEDED: Final = re.compile(
 )
 """What a program that computes has somewhere."""
 
+_MACRO: Final = re.compile(rb"#|\[|M[ \t]*0*98(?!\d)|G[ \t]*0*65(?![\d.])|GOTO", re.IGNORECASE)
+
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
+
+_FANUC_FILES: Final = ("", ".nc", ".NC", ".cnc", ".CNC", ".txt", ".TXT", ".tap", ".ngc")
 
 
 class Expansion(msgspec.Struct, frozen=True, kw_only=True):
@@ -33,9 +37,9 @@ class Expansion(msgspec.Struct, frozen=True, kw_only=True):
     notes: tuple[str, ...] = ()
 
 
-def computes(data: bytes) -> bool:
+def computes(data: bytes, *, fanuc: bool = False) -> bool:
     """Return whether a program may hold something that has to be written out."""
-    return _NEEDED.search(_COMMENT.sub(b"", data)) is not None
+    return (_MACRO if fanuc else _NEEDED).search(_COMMENT.sub(b"", data)) is not None
 
 
 class Folders:
@@ -84,9 +88,10 @@ def expand(
     name: str,
     folders: Folders | None = None,
     *,
+    fanuc_decimals: int | None = None,
     parameters: Mapping[int, float] | None = None,
 ) -> Expansion:
-    r"""Write a program of LinuxCNC's language out.
+    r"""Write out a program of LinuxCNC's language, or of Fanuc's.
 
     Parameters
     ----------
@@ -95,8 +100,11 @@ def expand(
         For messages.
     folders : Folders, optional
         Where subprograms are that are files of their own.
+    fanuc_decimals : int, optional
+        Decimals of a mm in the increments of Fanuc's control: M98 and M99, G65 and the statements of custom macro B are
+        written out, and what stands behind the end of the main program stays. Without it the language is LinuxCNC's.
     parameters : mapping of int to float, optional
-        The controller's own file of parameters.
+        The controller's own file of parameters, for LinuxCNC.
 
     Returns
     -------
@@ -113,72 +121,46 @@ def expand(
     >>> found = expand(b"o1 sub\nG1 X#1 F60\no1 endsub\nG21 G90\no1 call [2*3]\nM2\n", "a.ngc")
     >>> found.data.split(b"\n")[1:4]
     [b'G21 G90', b'G1 X6 F60', b'M2']
-    """
-    if is_written_out(data) or not computes(data):
-        return Expansion(data=data)
-    folders = folders or Folders()
-    runner = Runner(Source(name, data.decode("latin-1")), folders.find, DECIMALS, parameters)
-    lines = runner.run()
-    if not runner.blocks.changed:
-        return Expansion(data=data)
-    assumed = sorted(runner.store.assumed)
-    notes = list(runner.notes)
-    if assumed and parameters is None:
-        named = ", ".join(f"#{key}" for key in assumed[:8]) + (", …" if len(assumed) > 8 else "")
-        notes.insert(0, f"taken to be 0, as nothing was put there before they were read: {named}")
-    kept = None if parameters is None else dict(parameters)
-    written = Written(original=data, digest="", dialect="linuxcnc", files=folders.read, parameters=kept)
-    return Expansion(data=_joined(data, lines, written), notes=tuple(notes))
-
-
-_MACRO: Final = re.compile(rb"#|\[|M[ \t]*0*98(?!\d)|G[ \t]*0*65(?![\d.])|GOTO", re.IGNORECASE)
-
-_FANUC_FILES: Final = ("", ".nc", ".NC", ".cnc", ".CNC", ".txt", ".TXT", ".tap", ".ngc")
-
-
-def expand_fanuc(data: bytes, name: str, folders: Folders | None = None, *, decimals: int = 3) -> Expansion:
-    r"""Write a Fanuc program out: M98 and M99, G65, and the statements of custom macro B.
-
-    Parameters
-    ----------
-    data, name, folders
-        As of :func:`expand`; what stands behind the end of the main program stays.
-    decimals : int
-        Decimals of a mm in the control's increments.
-
-    Raises
-    ------
-    ExpandError
-        Where that is not possible, with file and line.
-
-    Examples
-    --------
-    >>> found = expand_fanuc(b"O1\nG21 M98 P2 L2\nM30\nO2\n#1=#1+2.5\nG91 G1 X#1\nM99\n", "a.nc")
+    >>> found = expand(b"O1\nG21 M98 P2 L2\nM30\nO2\n#1=#1+2.5\nG91 G1 X#1\nM99\n", "a.nc", fanuc_decimals=3)
     >>> found.data.split(b"\n")[2:7]
     [b'G21', b'G91 G1 X2.5', b'G91 G1 X5.', b'M30', b'O2']
     """
-    if is_written_out(data) or _MACRO.search(_COMMENT.sub(b"", data)) is None:
+    fanuc = fanuc_decimals is not None
+    if is_written_out(data) or not computes(data, fanuc=fanuc):
         return Expansion(data=data)
-    folders = folders or Folders()
-    folders.endings = _FANUC_FILES
-    runner = FanucRunner(Source(name, data.decode("latin-1")), folders.find, decimals)
-    lines = runner.run()
-    if not runner.changed:
+    folders, source = folders or Folders(), Source(name, data.decode("latin-1"))
+    notes: list[str] = []
+    if fanuc_decimals is not None:
+        folders.endings = _FANUC_FILES
+        macro = FanucRunner(source, folders.find, fanuc_decimals)
+        lines, changed = macro.run(), macro.changed
+    else:
+        runner = ProgramRunner(source, folders.find, DECIMALS, parameters)
+        lines, changed = runner.run(), runner.blocks.changed
+        notes = list(runner.notes)
+        assumed = sorted(runner.store.assumed)
+        if assumed and parameters is None:
+            named = ", ".join(f"#{key}" for key in assumed[:8]) + (", …" if len(assumed) > 8 else "")
+            notes.insert(0, f"taken to be 0, as nothing was put there before they were read: {named}")
+    if not changed:
         return Expansion(data=data)
-    written = Written(original=data, digest="", dialect=f"fanuc {decimals}", files=folders.read)
-    return Expansion(data=_joined(data, lines, written, upper=True))
+    kept = None if parameters is None else dict(parameters)
+    dialect = f"fanuc {fanuc_decimals}" if fanuc else "linuxcnc"
+    written = Written(original=data, digest="", dialect=dialect, files=folders.read, parameters=kept)
+    return Expansion(data=_joined(data, lines, written), notes=tuple(notes))
 
 
-def _joined(data: bytes, lines: list[str], written: Written, *, upper: bool = False) -> bytes:
+def _joined(data: bytes, lines: list[str], written: Written) -> bytes:
     """Put lines together, with the comments that keep the original."""
     end = b"\r\n" if b"\r\n" in data else b"\n"
     at = 0
     while at < len(lines) and (not lines[at].strip() or re.match(r"\s*(?:%|[Oo:]\s*\d+\s*(?:\(.*)?$)", lines[at])):
         at += 1
+    upper = written.fanuc_decimals is not None  # a control of Fanuc shows no small letters
     head = head_line(hashlib.sha256(data).hexdigest(), upper=upper)
     text = b"".join(line.encode("latin-1") + end for line in [*lines[:at], head, *lines[at:]])
     digest = hashlib.sha256(text).hexdigest()
     return with_original(text, msgspec.structs.replace(written, digest=digest), end, upper=upper)
 
 
-__all__ = ["ExpandError", "Expansion", "Folders", "computes", "expand", "expand_fanuc"]
+__all__ = ["ExpandError", "Expansion", "Folders", "computes", "expand"]

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable
 from typing import ClassVar, Final
 
-from ph_post.expand.faults import ExpandError, NotExpandableError
+from ph_post.expand.faults import ExpandError
 from ph_post.expand.values import LAST, Store
 
 Value = Callable[[Store], float]
@@ -266,16 +266,3 @@ def _finite(value: float) -> float:
     if math.isinf(value):
         raise ExpandError("the number is beyond all bounds")
     return value
-
-
-def is_true(value: float, store: Store) -> bool:
-    """Return whether a condition holds.
-
-    Raises
-    ------
-    NotExpandableError
-        Where the machine decides.
-    """
-    if math.isnan(value):
-        raise NotExpandableError(f"a condition depends on what only the machine knows: {store.doubt or 'a place'}")
-    return value != 0.0

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 from typing import Final
 
 import msgspec
 
-from ph_post.expand.expressions import is_true
-from ph_post.expand.faults import MOST_LINES, MOST_SILENT, ExpandError, NotExpandableError
+from ph_post.expand.faults import ExpandError, NotExpandableError
 from ph_post.expand.lines import Source
 from ph_post.expand.macro import (
     ARGUMENTS,
@@ -17,11 +17,12 @@ from ph_post.expand.macro import (
     MacroLine,
     MacroStore,
     argument,
-    new_frame,
     read_macro_line,
     word_text,
 )
+from ph_post.expand.progress import Progress
 from ph_post.expand.run import Find
+from ph_post.expand.values import ParameterFrame
 
 _MOST_CALLS: Final = 10
 _MODAL_CALL: Final = ("66", "66.1")
@@ -83,26 +84,15 @@ class FanucRunner:
         ExpandError
             Where it cannot be written out, with its file and line.
         """
-        count, last, had = 0, 0, 0
+        progress = Progress()
         while True:
             call = self.calls[-1]
             if call.at >= call.last:
                 if len(self.calls) > 1:
                     raise ExpandError("a subprogram without M99").at(call.source.name, call.last)
                 return self.lines + self._main.texts[call.last :]
-            number = call.at + 1
-            count += 1
-            if len(self.lines) != had:
-                had, last = len(self.lines), count
-            try:
-                if count > MOST_LINES or count - last > MOST_SILENT:
-                    raise ExpandError("the program runs on without an end: more lines than could be meant")
-                if self._step(call):
-                    return self.lines + self._main.texts[self.calls[0].at :]
-            except ExpandError as error:
-                raise error.at(call.source.name, number) from None
-            except OverflowError:
-                raise ExpandError("the number is beyond all bounds").at(call.source.name, number) from None
+            if progress.step(partial(self._step, call), call.source.name, call.at + 1, len(self.lines)):
+                return self.lines + self._main.texts[self.calls[0].at :]
 
     def _step(self, call: MacroCall) -> bool:
         line = self._line(call.source, call.at)
@@ -166,7 +156,7 @@ class FanucRunner:
             return
         holds = True
         if line.condition is not None:
-            holds = is_true(line.condition(self.store), self.store)
+            holds = self.store.holds(line.condition(self.store))
         if line.order == "while":
             self._check_progress(call, call.at - 1)
             if not holds:
@@ -238,7 +228,7 @@ class FanucRunner:
             letters = [letter for letter, _ in line.plain if letter in "ijk"]
             if len(set(letters)) < len(letters):
                 raise NotExpandableError("G65 with I, J or K twice")
-            frame = new_frame(arguments)
+            frame = ParameterFrame(arguments)
         if times < 1:
             return
         if len(self.calls) > _MOST_CALLS:

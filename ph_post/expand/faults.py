@@ -4,12 +4,6 @@ from __future__ import annotations
 
 from typing import Final
 
-MOST_LINES: Final = 1_000_000
-"""Lines that a program may run, and lines that may come of it."""
-
-MOST_SILENT: Final = 100_000
-"""Lines that a program may run one after the other without one that does anything."""
-
 MOST_CALLS: Final = 10
 """Subprograms that may call each other: LinuxCNC's own bound."""
 

@@ -24,7 +24,7 @@ _ACTIVE: Final = re.compile(r"\s*(?:msg,|debug,|print,|log|probeopen|probeclose|
 _FLOW: Final = re.compile(r"^\s*/?\s*(?:[nN][\s\d.]*)?[oO]")
 
 
-class Word(msgspec.Struct, frozen=True, kw_only=True):
+class LineWord(msgspec.Struct, frozen=True, kw_only=True):
     """A word: its letter, its number, and how it is computed where it is not plain."""
 
     letter: str
@@ -49,7 +49,7 @@ class Flow(msgspec.Struct, frozen=True, kw_only=True):
     values: tuple[Value, ...] = ()
 
 
-class Line(msgspec.Struct, frozen=True, kw_only=True):
+class ProgramLine(msgspec.Struct, frozen=True, kw_only=True):
     """A line: its text without its end, what stands on it, and its comments.
 
     `computed` says that something has to be worked out; `fault` why it cannot be read, which matters where it
@@ -57,7 +57,7 @@ class Line(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     text: str
-    words: tuple[Word, ...] = ()
+    words: tuple[LineWord, ...] = ()
     settings: tuple[Setting, ...] = ()
     flow: Flow | None = None
     comments: tuple[str, ...] = ()
@@ -77,24 +77,24 @@ def has_flow(text: str) -> bool:
     return _FLOW.match(text) is not None
 
 
-def read_line(text: str) -> Line:
+def read_line(text: str) -> ProgramLine:
     """Read a line of RS274/NGC as LinuxCNC has it."""
     comments = tuple(found[1] for found in _PARTS.finditer(text) if found[1] is not None)
     bare = re.sub(r"\s+", "", _PARTS.sub("", text)).lower()
     if bare.startswith("%"):
-        return Line(text=text, percent=True, comments=comments)
+        return ProgramLine(text=text, percent=True, comments=comments)
     optional = bare.startswith("/")
     parser = Parser(bare.lstrip("/"))
-    words: list[Word] = []
+    words: list[LineWord] = []
     settings: list[Setting] = []
     try:
         flow = _read_items(parser, words, settings)
     except ExpandError as error:
-        return Line(text=text, comments=comments, optional=optional, fault=error)
+        return ProgramLine(text=text, comments=comments, optional=optional, fault=error)
     except RecursionError:
-        return Line(text=text, fault=ExpandError("brackets within brackets are too deep"))
+        return ProgramLine(text=text, fault=ExpandError("brackets within brackets are too deep"))
     computed = bool(settings) or any(word.plain is None or word.letter in "@^" for word in words)
-    return Line(
+    return ProgramLine(
         text=text,
         words=tuple(words),
         settings=tuple(settings),
@@ -105,7 +105,7 @@ def read_line(text: str) -> Line:
     )
 
 
-def _read_items(parser: Parser, words: list[Word], settings: list[Setting]) -> Flow | None:
+def _read_items(parser: Parser, words: list[LineWord], settings: list[Setting]) -> Flow | None:
     while parser.at < len(parser.text):
         letter = parser.peek()
         if letter == "o":
@@ -116,7 +116,7 @@ def _read_items(parser: Parser, words: list[Word], settings: list[Setting]) -> F
         elif letter.isascii() and (letter.isalpha() or letter in "@^$"):
             value, plain = parser.value()
             if letter != "n":
-                words.append(Word(letter=letter, plain=plain, value=value))
+                words.append(LineWord(letter=letter, plain=plain, value=value))
         else:
             raise ExpandError("the line cannot be read", got=parser.text[parser.at - 1 :][:20])
     return None
@@ -174,10 +174,10 @@ class Source:
         self.texts = re.split(r"\r\n|\n|\r", text)
         if self.texts and not self.texts[-1]:
             self.texts.pop()
-        self._lines: dict[int, Line] = {}
+        self._lines: dict[int, ProgramLine] = {}
         self._flows: list[int] | None = None
 
-    def line(self, index: int) -> Line:
+    def line(self, index: int) -> ProgramLine:
         """Return a line (from 0)."""
         found = self._lines.get(index)
         if found is None:

@@ -53,7 +53,7 @@ START: Final = {
 """How LinuxCNC begins; 0 is not known, as it stays from one program to the next."""
 
 
-class Machine:
+class MachineState:
     """Modes and places.
 
     `place` in program coordinates and units, `offset` what the machine's coordinate has besides (work offset, G92,

@@ -15,7 +15,7 @@ import msgspec
 
 from ph_post.expand.expressions import Functions, Levels, Parser, Value
 from ph_post.expand.faults import ExpandError, NotExpandableError
-from ph_post.expand.values import Frame, Store
+from ph_post.expand.values import Store
 
 LOCAL: Final = 33
 """Variables 1 to 33 belong to the macro."""
@@ -289,11 +289,6 @@ def word_text(letters: str, value: float, decimals: int) -> str:
     places = decimals if letter in _LENGTHS else 5
     text = f"{value:.{places}f}".rstrip("0")
     return letters.upper() + ("0." if text in ("-0.", "0.") else text)
-
-
-def new_frame(arguments: dict[int, float]) -> Frame:
-    """Return the variables of a macro that is called."""
-    return Frame(arguments)
 
 
 def argument(letter: str, number: str) -> float:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from ph_post.expand.machine import AXES, Machine
-from ph_post.expand.offsets import Offsets
+from ph_post.expand.machine import AXES, MachineState
+from ph_post.expand.offsets import WorkOffsets
 from ph_post.expand.values import UNKNOWN
 
 _GROUPS: Final = {
@@ -37,12 +37,12 @@ class NamedValues:
 
     Parameters
     ----------
-    machine : Machine
+    machine : MachineState
     """
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, machine: MachineState) -> None:
         self._machine = machine
-        self.offsets: Offsets | None = None
+        self.offsets: WorkOffsets | None = None
         self.line = 0
         self.value, self.returned = 0.0, False
         self.levels = 0

@@ -6,25 +6,25 @@ from collections.abc import Iterable
 from typing import Final
 
 from ph_post.expand.faults import NotExpandableError
-from ph_post.expand.machine import AXES, GROUPS, Machine
+from ph_post.expand.machine import AXES, GROUPS, MachineState
 from ph_post.expand.values import UNKNOWN, Store
 
 _SYSTEMS: Final = GROUPS["system"]
 _LINEAR: Final = "xyzuvw"
 
 
-class Offsets:
+class WorkOffsets:
     """Follows offsets in the parameters 5161 to 5390, which hold them in the machine's units.
 
     Parameters
     ----------
     store : Store
-    machine : Machine
+    machine : MachineState
     inches : bool
         Whether the machine's units are inches.
     """
 
-    def __init__(self, store: Store, machine: Machine, *, inches: bool = False) -> None:
+    def __init__(self, store: Store, machine: MachineState, *, inches: bool = False) -> None:
         self._store, self._machine, self._inches = store, machine, inches
         self._tool = dict.fromkeys(AXES, 0.0 if store.number(5221) == 0.0 else UNKNOWN)
 

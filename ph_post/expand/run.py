@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Final
 
 import msgspec
 
-from ph_post.expand.blocks import Blocks
-from ph_post.expand.expressions import is_true
-from ph_post.expand.faults import MOST_CALLS, MOST_LINES, MOST_SILENT, ExpandError, NotExpandableError
-from ph_post.expand.lines import PROGRAM, Flow, Line, Source
-from ph_post.expand.machine import Machine
+from ph_post.expand.blocks import BlockRunner
+from ph_post.expand.faults import MOST_CALLS, ExpandError, NotExpandableError
+from ph_post.expand.lines import PROGRAM, Flow, ProgramLine, Source
+from ph_post.expand.machine import MachineState
 from ph_post.expand.named import NamedValues
-from ph_post.expand.offsets import Offsets
+from ph_post.expand.offsets import WorkOffsets
+from ph_post.expand.progress import MOST_SILENT, Progress
 from ph_post.expand.states import SavedStates
-from ph_post.expand.values import LOCAL, Frame, Store
+from ph_post.expand.values import LOCAL, ParameterFrame, Store
 
 Find = Callable[[str], Source | None]
 """Finds the file of a subprogram by its name."""
@@ -43,7 +44,7 @@ class Call(msgspec.Struct, kw_only=True):
     decided: dict[str, bool] = {}
 
 
-class Runner:
+class ProgramRunner:
     """Runs a program.
 
     Parameters
@@ -61,12 +62,12 @@ class Runner:
     def __init__(
         self, source: Source, find: Find, decimals: int, parameters: Mapping[int, float] | None = None
     ) -> None:
-        self.machine = Machine()
+        self.machine = MachineState()
         self._named = NamedValues(self.machine)
         self.store = Store(self._named.look_up, self._named.place, parameters)
-        offsets = Offsets(self.store, self.machine)
+        offsets = WorkOffsets(self.store, self.machine)
         self._named.offsets = offsets
-        self.blocks = Blocks(self.store, self.machine, offsets, decimals)
+        self.blocks = BlockRunner(self.store, self.machine, offsets, decimals)
         self._find = find
         self._states = SavedStates(self.blocks)
         self._subs: dict[str, tuple[Source, int]] = {}
@@ -88,7 +89,7 @@ class Runner:
         ExpandError
             Where it cannot be written out, with its file and line.
         """
-        count, last, had = 0, 0, 0
+        progress = Progress()
         lines = self.blocks.lines
         while True:
             call = self.call
@@ -96,24 +97,12 @@ class Runner:
                 if len(self.calls) > 1:
                     raise ExpandError("the file of a subprogram ends within it").at(call.source.name, call.at)
                 return lines
-            number = call.at + 1
-            count += 1
-            if len(lines) != had:
-                had, last = len(lines), count
-            try:
-                if count > MOST_LINES or count - last > MOST_SILENT or had > MOST_LINES:
-                    raise ExpandError("the program runs on without an end: more lines than could be meant")
-                if self._step(call, call.source.line(call.at)):
-                    return lines
-            except ExpandError as error:
-                raise error.at(call.source.name, number) from None
-            except OverflowError:
-                raise ExpandError("the number is beyond all bounds").at(call.source.name, number) from None
-            except RecursionError:
-                raise ExpandError("brackets within brackets are too deep").at(call.source.name, number) from None
+            if progress.step(partial(self._step, call), call.source.name, call.at + 1, len(lines)):
+                return lines
 
-    def _step(self, call: Call, line: Line) -> bool:
-        """Run one line; True at the end of the program."""
+    def _step(self, call: Call) -> bool:
+        """Run the next line; True at the end of the program."""
+        line = call.source.line(call.at)
         self._named.line = call.at + 1
         call.at += 1
         if line.percent:
@@ -140,7 +129,7 @@ class Runner:
             line = self._with_contour(line)
         return self.blocks.run(line, keep=len(self.calls) == 1 and not call.heads)
 
-    def _percent(self, call: Call, line: Line) -> bool:
+    def _percent(self, call: Call, line: ProgramLine) -> bool:
         if call.source is not self._main:
             return False
         self._percents += 1
@@ -169,7 +158,7 @@ class Runner:
             self._return(flow, label)
         return False
 
-    def _with_contour(self, line: Line) -> Line:
+    def _with_contour(self, line: ProgramLine) -> ProgramLine:
         """Write the subprogram ahead that a turning cycle takes its contour from, and return the line that calls it."""
         values = {word.letter: word.value(self.store) for word in line.words}
         label = str(round(self.store.require(values.get("q", 0.0), "Q")))
@@ -192,12 +181,12 @@ class Runner:
         source, at = self._target(self.call, label, ("sub",))
         machine, lines, depth = copy.deepcopy(self.machine.__dict__), self.blocks.lines, len(self.calls)
         self.blocks.lines = []
-        self._enter(Call(source=source, at=at + 1, label=label, start=at + 1), Frame())
+        self._enter(Call(source=source, at=at + 1, label=label, start=at + 1), ParameterFrame())
         while len(self.calls) > depth:
             call = self.call
             if call.at >= len(call.source.texts) or len(self.blocks.lines) > MOST_SILENT:
                 raise ExpandError(f"the contour of a turning cycle does not end: o{label}")
-            self._step(call, call.source.line(call.at))
+            self._step(call)
         self.machine.__dict__.update(machine)
         found, self.blocks.lines = self.blocks.lines, lines
         return found
@@ -211,7 +200,7 @@ class Runner:
             call.at = self._ahead(call, label, ("endif",), at) + 1
             return
         while True:
-            if flow.keyword == "else" or is_true(flow.values[0](self.store), self.store):
+            if flow.keyword == "else" or self.store.holds(flow.values[0](self.store)):
                 return
             at = self._ahead(call, label, ("elseif", "else", "endif"), at)
             call.at = at + 1
@@ -257,7 +246,7 @@ class Runner:
             first, opened = self._opening(call, label, at)
             ends_do = opened == "do"
             self._check_progress(call, at)
-            holds = is_true(flow.values[0](self.store), self.store)
+            holds = self.store.holds(flow.values[0](self.store))
             if ends_do and holds and not self._broken:
                 call.at = first + 1
                 return
@@ -312,7 +301,7 @@ class Runner:
         self._subs[label] = (source, at)
         return source, at
 
-    def _enter(self, made: Call, frame: Frame | None) -> None:
+    def _enter(self, made: Call, frame: ParameterFrame | None) -> None:
         if len(self.calls) > MOST_CALLS:
             raise ExpandError(f"subprograms call each other more than {MOST_CALLS} deep")
         self.calls.append(made)
@@ -323,7 +312,7 @@ class Runner:
             raise ExpandError(f"more than {LOCAL} values for a subprogram")
         values = [value(self.store) for value in flow.values]
         source, at = self._target(call, label, ("sub",))
-        frame = Frame(dict.fromkeys(range(1, LOCAL + 1), 0.0))
+        frame = ParameterFrame(dict.fromkeys(range(1, LOCAL + 1), 0.0))
         frame.numbers.update(dict(enumerate(values, 1)))
         self._enter(Call(source=source, at=at + 1, label=label, start=at + 1), frame)
 
@@ -337,7 +326,7 @@ class Runner:
         self.store.frames.pop()
         self.store.version += 1
 
-    def _fanuc(self, call: Call, line: Line, orders: set[int]) -> bool:
+    def _fanuc(self, call: Call, line: ProgramLine, orders: set[int]) -> bool:
         """Run M98 and M99 as Fanuc has them."""
         if 99 in orders:
             if len(self.calls) == 1:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from ph_post.expand.blocks import Blocks
+from ph_post.expand.blocks import BlockRunner
 from ph_post.expand.faults import ExpandError, NotExpandableError
 from ph_post.expand.lines import read_line
 
@@ -25,10 +25,10 @@ class SavedStates:
 
     Parameters
     ----------
-    blocks : Blocks
+    blocks : BlockRunner
     """
 
-    def __init__(self, blocks: Blocks) -> None:
+    def __init__(self, blocks: BlockRunner) -> None:
         self._blocks = blocks
         self._kept: dict[int, tuple[dict[str, int], tuple[object, ...]]] = {}
         self._restored: set[int] = set()

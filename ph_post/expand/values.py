@@ -33,7 +33,7 @@ _TOLD: Final = (
 READ_ONLY: Final = (5400, 5428)
 
 
-class Frame:
+class ParameterFrame:
     """Parameters of the main program or of one call: `numbers` 1 to 30, and `named` ones."""
 
     def __init__(self, arguments: Mapping[int, float] | None = None) -> None:
@@ -59,13 +59,13 @@ class Store:
         self._told, self._place, self._stored = told, place, stored is not None
         self.numbers: dict[int, float] = dict(stored or {})
         self.shared: dict[str, float] = {}
-        self.frames = [Frame()]
+        self.frames = [ParameterFrame()]
         self.assumed: set[int] = set()
         self.version = 0
         self.doubt = ""
 
     @property
-    def frame(self) -> Frame:
+    def frame(self) -> ParameterFrame:
         """Parameters of the subprogram that runs."""
         return self.frames[-1]
 
@@ -154,13 +154,11 @@ class Store:
             self.version += 1
 
     def require(self, value: float, what: str) -> float:
-        """Return a value that has to be known.
-
-        Raises
-        ------
-        NotExpandableError
-            Where it is not.
-        """
+        """Return a value that has to be known: `NotExpandableError` where only the machine knows it."""
         if math.isnan(value):
             raise NotExpandableError(f"{what} depends on what only the machine knows: {self.doubt or 'a place'}")
         return value
+
+    def holds(self, value: float) -> bool:
+        """Return whether a condition holds; its value has to be known."""
+        return self.require(value, "a condition") != 0.0

@@ -50,6 +50,11 @@ class Written(msgspec.Struct, frozen=True, kw_only=True):
     files: dict[str, bytes] = {}
     parameters: dict[int, float] | None = None
 
+    @property
+    def fanuc_decimals(self) -> int | None:
+        """Decimals of a mm in the increments of Fanuc's control; None where the language is LinuxCNC's."""
+        return int(self.dialect.split()[1]) if self.dialect.startswith("fanuc") else None
+
 
 def with_original(text: bytes, written: Written, end: bytes, *, upper: bool = False) -> bytes:
     """Put the comments behind a program from which its original comes back, byte for byte."""

@@ -5,7 +5,7 @@ from support.canon import needs_rs274
 from support.interpreted import difference, interpret
 
 from ph_post.api.expansion import before_expansion
-from ph_post.expand.expand import ExpandError, Folders, expand_fanuc
+from ph_post.expand.expand import ExpandError, Folders, expand
 
 HEAD = "G21 G17 G90 G40 G94 F600.\n"
 TWINS = {
@@ -41,8 +41,8 @@ TWINS = {
 }
 
 
-def written(text, **how):
-    return expand_fanuc(text.encode(), "a.nc", **how).data
+def written(text, decimals=3, **how):
+    return expand(text.encode(), "a.nc", fanuc_decimals=decimals, **how).data
 
 
 def lines_of(text, **how):
