@@ -35,13 +35,7 @@ if TYPE_CHECKING:
 @options.strategy(None, "auto; suppress where a profile is described")
 @options.planning
 @options.writing
-@click.option(
-    "--feed-mode",
-    type=click.Choice([options.PER_MINUTE, "inverse-time"]),
-    default=options.PER_MINUTE,
-    show_default=True,
-    help="F words in mm/min (G94) or in 1/min (G93), of path files.",
-)
+@options.feed_mode
 @options.expanding
 @options.force
 @options.strict

@@ -29,11 +29,7 @@ from ph_post.cli import options
 @options.expanding
 @options.force
 @options.strict
-@click.option(
-    "--require-all",
-    is_flag=True,
-    help="Write nothing, with exit status 1, where a reversal at which the tool cuts is not compensated.",
-)
+@options.require_all
 @click.option(
     "--lead-program",
     is_flag=True,
@@ -47,13 +43,7 @@ from ph_post.cli import options
     metavar="FILE",
     help="Take backlash intervals from a table of `ph-post sweep -o FILE.json` in place of solving for them.",
 )
-@click.option(
-    "--feed-mode",
-    type=click.Choice([options.PER_MINUTE, "inverse-time"]),
-    default=options.PER_MINUTE,
-    show_default=True,
-    help="F words in mm/min (G94) or in 1/min (G93).",
-)
+@options.feed_mode
 @options.writing
 @click.option(
     "--watch",

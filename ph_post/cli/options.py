@@ -382,6 +382,20 @@ force = click.option(
 
 strict = click.option("--strict", is_flag=True, help="Refuse programs with commands that ph-post does not understand.")
 
+feed_mode = click.option(
+    "--feed-mode",
+    type=click.Choice([PER_MINUTE, "inverse-time"]),
+    default=PER_MINUTE,
+    show_default=True,
+    help="F words in mm/min (G94) or in 1/min (G93), of path files.",
+)
+
+require_all = click.option(
+    "--require-all",
+    is_flag=True,
+    help="Write nothing, with exit status 1, where a reversal at which the tool cuts is not compensated.",
+)
+
 
 def writing(function: F) -> F:
     """Add the options that say how a program is written."""

@@ -60,7 +60,7 @@ SLOPE: Final = 6
 """Samples from which the speed at the end of a window is taken."""
 
 
-class Window(NamedTuple):
+class LogWindow(NamedTuple):
     """Samples from `start` to before `stop` of a log."""
 
     start: int
@@ -113,14 +113,14 @@ def _of(axis: AxisLog, take: Callable[[Array], Array]) -> AxisLog:
     return replace(axis, **{name: None if part is None else sealed(take(part)) for name, part in parts.items()})
 
 
-def _chosen(log: Log, machine: Machine, most: int) -> list[Window]:
+def _chosen(log: Log, machine: Machine, most: int) -> list[LogWindow]:
     """Choose windows, in the order of time, those that touch as one."""
     settling = max((settling_time(machine.axes[name]) for name in log.axes if name in machine.axes), default=0.0)
     size = max(SHORTEST, STARTS * settling, most * log.period / WINDOWS) / log.period
     cell = max(math.ceil(size / CELLS), 1)
     cells = log.t.size // cell
     if cells < CELLS:
-        return [Window(0, log.t.size)]
+        return [LogWindow(0, log.t.size)]
     shown = _shown(log, machine, cell, cells)
     windows = np.apply_along_axis(np.convolve, 0, shown, np.ones(CELLS), mode="valid")
     free = np.ones(windows.shape[0], dtype=np.bool_)
@@ -133,12 +133,12 @@ def _chosen(log: Log, machine: Machine, most: int) -> list[Window]:
         picked.append(best)
         total += windows[best]
         free[max(best - CELLS + 1, 0) : best + CELLS] = False
-    found: list[Window] = []
+    found: list[LogWindow] = []
     for k in sorted(picked):
         if found and found[-1].stop == k * cell:
-            found[-1] = Window(found[-1].start, (k + CELLS) * cell)
+            found[-1] = LogWindow(found[-1].start, (k + CELLS) * cell)
         else:
-            found.append(Window(k * cell, (k + CELLS) * cell))
+            found.append(LogWindow(k * cell, (k + CELLS) * cell))
     return found
 
 
@@ -190,9 +190,9 @@ def _level(values: Array) -> IntArray:
     return np.where(below < LEVELS, below, -1).astype(np.int64)
 
 
-def _joined(log: Log, machine: Machine, windows: Sequence[Window]) -> Log:
+def _joined(log: Log, machine: Machine, windows: Sequence[LogWindow]) -> Log:
     """Lay windows one behind the other, with motions between them that have no readings."""
-    if len(windows) == 1 and windows[0] == Window(0, log.t.size):
+    if len(windows) == 1 and windows[0] == LogWindow(0, log.t.size):
         return log
     fastest = {name: _fastest(axis.command) for name, axis in log.axes.items()}
     pieces: dict[str, list[Array]] = {name: [] for name in log.axes}

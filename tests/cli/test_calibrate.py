@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from support.streams import without_progress
+from support import front_door
 
 from ph_post.cli.main import main
 from ph_post.gcode.read import read_program
@@ -26,9 +26,7 @@ NAMES = [
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    status = main(["calibrate", *arguments])
-    streams = capsys.readouterr()
-    return status, streams.out, without_progress(streams.err)
+    return front_door.run(capsys, "calibrate", *arguments)
 
 
 def test_it_writes_programs_and_a_plan(capsys, tmp_path):

@@ -5,10 +5,9 @@ import math
 from pathlib import Path
 
 import pytest
+from support.front_door import run
 from support.shop import HUMP
-from support.streams import without_progress
 
-from ph_post.cli.main import main
 from ph_post.compensate.strategies.none import PlainFeed
 from ph_post.compensate.strategies.registry import strategy_names
 
@@ -26,12 +25,6 @@ KEYS = {
     "ok",
     "reason",
 }
-
-
-def run(capsys, *arguments):
-    status = main(arguments)
-    streams = capsys.readouterr()
-    return status, streams.out, without_progress(streams.err)
 
 
 QUICK = ("--effort", "0.01")

@@ -7,20 +7,13 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from support.diagnoses import LADDER, diagnosis, each_verdict
-from support.streams import without_progress
+from support.front_door import run
 
-from ph_post.cli.main import main
 from ph_post.diagnose import diagnose as whole_diagnosis
 from ph_post.drive.machinefile import read_machine
 
 ROOT = Path(__file__).resolve().parents[2]
 MILL = ROOT / "samples" / "machines" / "mill.toml"
-
-
-def run(capsys, *arguments):
-    status = main([str(one) for one in arguments])
-    streams = capsys.readouterr()
-    return status, streams.out, without_progress(streams.err)
 
 
 @pytest.fixture

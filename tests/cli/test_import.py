@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from support import front_door
 from support.drawings import dxf, entity, imported, lwpolyline, point, sampled
 from support.streams import without_progress
 
@@ -20,9 +21,7 @@ LINE = entity("LINE", point((1, 2)), point((11, 2), 11))
 
 
 def run(capsys, *arguments):
-    status = main(["import", *arguments])
-    streams = capsys.readouterr()
-    return status, streams.out, without_progress(streams.err)
+    return front_door.run(capsys, "import", *arguments)
 
 
 @pytest.mark.parametrize("drawing", [PLATE, BADGE])

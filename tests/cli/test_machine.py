@@ -15,26 +15,15 @@ from itertools import product
 from pathlib import Path
 
 import pytest
+from support.front_door import answered, run
 from support.pipelines import PATIENCE, heeding_interrupts
-from support.streams import without_progress
 
 from ph_post.cli.interview import QUESTIONS
-from ph_post.cli.main import main
 from ph_post.dialects.registry import dialect_names
 from ph_post.files.storage import shipped, shipped_names
 
 KEYS = [question.key for question in QUESTIONS if not question.silent]
 NEW = ("machine", "new")
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    status = main(arguments)
-    streams = capsys.readouterr()
-    return status, streams.out, without_progress(streams.err)
-
-
-def answered(monkeypatch: pytest.MonkeyPatch, *lines: str) -> None:
-    monkeypatch.setattr(sys, "stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
 
 
 # --- machines ---

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from support.streams import without_progress
+from support.front_door import run
 
 import ph_post as ph
 from ph_post.cli.main import COMMANDS, cli, main
@@ -24,12 +24,6 @@ OVAL = str(ROOT / "paths" / "oval.json")
 POCKET = str(ROOT / "paths" / "pocket.json")
 SUPPRESS = ("--strategy", "suppress")
 QUICK = ("--effort", "0.01")
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    status = main(arguments)
-    streams = capsys.readouterr()
-    return status, streams.out, without_progress(streams.err)
 
 
 def strict_json(text: str) -> dict:

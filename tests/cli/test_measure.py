@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-import io
 import json
-import sys
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.front_door import answered, run
 from support.hand_machine import HandMachine
-from support.streams import without_progress
 
 import ph_post as ph
-from ph_post.cli.main import main
 
 MEASURE = ("machine", "measure")
 SEE = "; see ph-post calibrate --help\n"
 ROWS = ("--dial", "X 0 0.501 0.031 0.001 0.030", "--dial", "X 0 0.499 0.033 -0.001 0.031")
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    status = main(arguments)
-    streams = capsys.readouterr()
-    return status, streams.out, without_progress(streams.err)
-
-
-def answered(monkeypatch: pytest.MonkeyPatch, *lines: str) -> None:
-    monkeypatch.setattr(sys, "stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
 
 
 def test_from_the_kit_to_a_machine_file(capsys, tmp_path):

@@ -8,9 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.streams import without_progress
+from support.front_door import run
 
-from ph_post.cli.main import main
 from ph_post.files.storage import SourceBytes, is_program
 
 SLOT = """%
@@ -25,12 +24,6 @@ M2
 %
 """
 """Begins and ends at rest; its bounding box is 60 by 20."""
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    status = main(arguments)
-    streams = capsys.readouterr()
-    return status, streams.out, without_progress(streams.err)
 
 
 @pytest.fixture

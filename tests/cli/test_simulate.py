@@ -5,9 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.streams import without_progress
-
-from ph_post.cli.main import main
+from support.front_door import run
 
 ROOT = Path(__file__).resolve().parents[2]
 OVAL = str(ROOT / "paths" / "oval.json")
@@ -21,12 +19,6 @@ KEYS = {
     "scenarios",
     "warnings",
 }
-
-
-def run(capsys, *arguments):
-    status = main(arguments)
-    streams = capsys.readouterr()
-    return status, streams.out, without_progress(streams.err)
 
 
 def simulated(capsys, *arguments):

@@ -6,6 +6,7 @@ import re
 
 import pytest
 from support.corpus import compensated, entries, stepper
+from support.front_door import run
 from support.streams import without_progress
 
 from ph_post.cli.main import main
@@ -218,12 +219,6 @@ def files(tmp_path):
     a.write_text(PART)
     b.write_text(PART.replace("G1 X20 Y20", "G1 X20 Y20.5 F500").replace("M8\n", ""))
     return str(a), str(b)
-
-
-def run(capsys, *arguments):
-    status = main(arguments)
-    streams = capsys.readouterr()
-    return status, streams.out, without_progress(streams.err)
 
 
 def test_exit_status_and_text(capsys, files):

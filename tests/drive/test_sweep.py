@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, Printed, axis
-from support.streams import without_progress
+from support.front_door import run
 
-from ph_post.cli.main import main
 from ph_post.drive import roots as closing
 from ph_post.drive.backlash import motor_gap
 from ph_post.drive.free_motor import ANGLE, SPEED, free_motor_response, free_motor_responses
@@ -171,12 +170,6 @@ def test_files_hold_the_table_to_the_last_digit(tmp_path: Path) -> None:
     assert float(rows[3].split(",")[5]) == table.axes[0].duration.flat[0]
     with pytest.raises(InputError, match="unknown kind of interval table"):
         interval_content(table, "table.xls")
-
-
-def run(capsys, *arguments: str) -> tuple[int, str, str]:
-    status = main(arguments)
-    streams = capsys.readouterr()
-    return status, streams.out, without_progress(streams.err)
 
 
 def test_sweep_has_the_contracts_keys_and_the_papers_number(capsys) -> None:
