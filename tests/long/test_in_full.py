@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.analysis import test_osculating as osculating
+from tests.controllers import test_expansion as expansion
 from tests.dialects import test_siemens_exact as siemens_exact
 from tests.hidden import test_named as named
 from tests.identify import test_hand_measurements as by_hand
@@ -14,6 +16,8 @@ from tests.post import test_approach as approach
 from tests.property import test_auto_races as auto_races
 from tests.property import test_auto_random as auto_random
 from tests.property import test_limits as limits
+from tests.property import test_turning_reference as turning_reference
+from tests.support.canon import needs_rs274
 
 BATCHES = 20
 
@@ -62,3 +66,17 @@ def test_two_hundred_machines_measured_by_hand(honest: Callable[[Path, int], Non
 
 def test_a_hundred_machines_measured_by_a_ball_bar(tmp_path: Path) -> None:
     by_hand.bars_are_honest(tmp_path, 100)
+
+
+def test_a_thousand_random_paths_turn_where_exact_arithmetic_says() -> None:
+    turning_reference.are_as_computed_exactly(1000)
+
+
+def test_windows_on_a_thousand_random_curves() -> None:
+    osculating.are_within_tolerance(1000, windows=1300, by_deviation=1000)
+
+
+@needs_rs274
+@pytest.mark.parametrize("file", expansion.SHIPPED, ids=expansion.named_by_folder)
+def test_every_shipped_program_comes_to_the_same_calls(file: Path) -> None:
+    expansion.comes_to_the_same_calls(file)
