@@ -10,8 +10,8 @@ from msgspec.structs import replace
 
 from ph_post.api.results import ProgramMotion
 from ph_post.bounds import LONGEST_SIMULATED
+from ph_post.edit.affordable import SPARE
 from ph_post.edit.edits import EditOptions
-from ph_post.edit.offset_edits import SPARE
 from ph_post.edit.reversals import section_spans
 from ph_post.errors import PhPostError
 from ph_post.simulate.assess import is_nominal, run_scenarios

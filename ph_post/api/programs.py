@@ -24,8 +24,9 @@ from ph_post.dialects.declaration import Declaration, line_origins, read_declara
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
-from ph_post.edit.offset_edits import plan_offsets, section_words
+from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.preconditions import require_tool
+from ph_post.edit.reversal_search import section_words
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.undo import original_of
 from ph_post.edit.window_plans import WindowEdits, WindowPlan, plan_windows, shifts_axes

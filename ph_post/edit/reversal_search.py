@@ -1,0 +1,307 @@
+"""Find the changes of lasting offsets that the reversals of a program ask for, and what each is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.dialects.base import Dialect
+from ph_post.edit.crossing_search import APPROACH, CrossingSearch
+from ph_post.edit.edits import EditOptions
+from ph_post.edit.positions import approach_again, find_restarts, position_from, resting_places
+from ph_post.edit.preconditions import (
+    cutting_feed,
+    why_indivisible,
+)
+from ph_post.edit.reversals import (
+    CARRIED,
+    CHAIN,
+    FIRST,
+    MOTION,
+    SHARE,
+    SHARE0,
+    SIGN,
+    chain_spans,
+    find_reversals,
+    motion_view,
+    section_spans,
+)
+from ph_post.gcode.motion_parts import places_along
+from ph_post.gcode.paths import places_words
+from ph_post.gcode.program import AXES, RAPID, PartProgram
+from ph_post.types import Array, BoolArray, IntArray, Machine
+
+LITTLE: Final = 0.01
+"""Where less slowdown [part of the time] is allowed nothing is spent on lines for a restart."""
+
+
+def motion_times(program: PartProgram, machine: Machine) -> Array:
+    """Time of every motion at its feed [s], shape (m,), ramps and corners left out."""
+    motions = program.motions
+    with np.errstate(invalid="ignore", divide="ignore"):
+        way = np.nan_to_num(np.abs(motions.end - motions.start))
+        length = np.diff(places_along(motions))
+        rapid = np.zeros(length.size)
+        for column, name in enumerate(AXES):
+            if name in machine.axes:
+                rapid = np.maximum(rapid, way[:, column] / machine.axes[name].limits.velocity)
+        cut = np.where(motions.duration > 0.0, motions.duration, length / motions.feed)
+        return np.nan_to_num(np.where(motions.kind == RAPID, rapid, cut), posinf=0.0)
+
+
+class ReversalSearch:
+    """Search for the offset changes of all axes by dead band; keeps what all searches share.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+    dialect : Dialect
+    amplitude : dict
+        Offset by axis [m].
+    sides : dict
+        Offsets of an axis that moves to minus, and to plus, by axis [m].
+    sections : BoolArray, shape (s,)
+        Sections that may be shifted, see :func:`~ph_post.edit.reversals.section_spans`.
+    options : EditOptions
+    left : sequence of tuple
+        First motion, and the one behind the last, of stretches in which no axis is shifted: each is a chain of its own
+        here, and so is what is before and behind it; no offset lasts beyond.
+    """
+
+    def __init__(
+        self,
+        program: PartProgram,
+        machine: Machine,
+        dialect: Dialect,
+        amplitude: dict[str, float],
+        sides: dict[str, tuple[float, float]],
+        sections: BoolArray,
+        options: EditOptions,
+        left: Sequence[tuple[int, int]] = (),
+    ) -> None:
+        self.program, self.machine, self.dialect = program, machine, dialect
+        self.amplitude, self.sides = amplitude, sides
+        self.times = motion_times(program, machine)
+        begins = chain_spans(program.motions)[0]
+        ends = [place for span in left for place in span if place < program.motions.kind.size]
+        self._whole = np.unique(np.append(begins, np.array(ends, dtype=np.int64)))
+        within, _ = section_spans(program.motions)
+        self.low = np.union1d(within, self._whole)
+        self.high = np.append(self.low[1:], program.motions.kind.size)
+        cuts = np.where(program.motions.kind != RAPID, self.times, 0.0)
+        self._clock = np.append(0.0, np.cumsum(cuts))
+        opened = sections[np.searchsorted(within, self.low, side="right") - 1]
+        opened &= np.logical_or.reduceat(program.motions.kind != RAPID, self.low)
+        for begin, end in left:
+            opened &= (self.low < begin) | (self.low >= end)
+        self.open = {name: opened.copy() for name in amplitude}
+        self._view = motion_view(program.motions)
+        self._feed = np.nan_to_num(cutting_feed(program, self.times))
+        # No less than what the numbers of the program can say of the backlash.
+        self._overshoot = {
+            name: APPROACH * (plus - minus) if options.overshoot is None else max(options.overshoot, plus - minus)
+            for name, (minus, plus) in sides.items()
+        }
+        self._from = -options.position_from
+        self._places = [resting_places(program.motions, axis) if self._from else [] for axis in range(2)]
+        restarts = find_restarts(program, self.times, late=options.max_slowdown >= LITTLE)
+        chain = np.searchsorted(self._whole, [one.first for one in restarts], side="right") - 1
+        self._restarts = [replace(one, chain=number) for one, number in zip(restarts, chain.tolist(), strict=True)]
+        self.crossings = CrossingSearch(
+            program,
+            machine,
+            dialect,
+            sides,
+            self._feed,
+            self.low,
+            self._whole,
+            self._overshoot,
+            self._restarts,
+            part_side=options.part_side,
+        )
+        self._given_up: dict[tuple[str, str], set[int]] = {}
+        self._for_now: list[tuple[str, int, str]] = []
+
+    def changes(self, band: dict[str, float]) -> dict[str, Array]:
+        """Find the changes of every axis, and those to no offset at the ends of chains; rows as of `find_reversals`."""
+        return {name: self._one(name, width) for name, width in band.items()}
+
+    def _one(self, name: str, band: float) -> Array:
+        axis, (section, low, high, end) = AXES.index(name), self._spans(name)
+        rows = find_reversals(
+            self._view,
+            axis,
+            self._feed,
+            self.program.motions.exact,
+            low,
+            high,
+            np.ones(low.size, dtype=np.bool_),
+            np.full(low.size, band),
+        )
+        rows[:, CHAIN] = np.searchsorted(self._whole, low[rows[:, CHAIN].astype(np.int64)], side="right") - 1
+        if axis < 2:
+            rows = approach_again(self._from_one_side(rows, axis), self._restarts, axis)
+        # What was added where the axis is left alone goes again.
+        span = np.searchsorted(low, rows[:, MOTION], side="right") - 1
+        inside = (span >= 0) & (rows[:, MOTION] < end[np.maximum(span, 0)]) if low.size else span >= 0
+        rows[:, CHAIN] = span
+        return self._closed(rows[inside], axis, section, low, high)
+
+    def _from_one_side(self, rows: Array, axis: int) -> Array:
+        if not self._from:
+            return rows
+        motions, name = self.program.motions, AXES[axis]
+        own = self.section_of(np.array([first for first, _ in self._places[axis]]))
+        places = [
+            place for place, section in zip(self._places[axis], own.tolist(), strict=True) if self.open[name][section]
+        ]
+        return position_from(rows, places, motions, self._whole, axis, self._from, self._overshoot[name])
+
+    def _spans(self, name: str) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+        """Return what lies between sections that an axis leaves alone: the first section, the motions, where cuts end.
+
+        The rapids of the next section belong to them: those take the offset back. Where an axis is taken up in the
+        midst of a chain, the cut says to which side, or else the last rapid that moves the axis.
+        """
+        open_ = self.open[name]
+        chain, kind = np.searchsorted(self._whole, self.low, side="right"), self.program.motions.kind
+        same = np.append(False, chain[1:] == chain[:-1])
+        first = np.flatnonzero(open_ & ~(same & np.append(False, open_[:-1])))
+        last = np.flatnonzero(open_ & ~np.append(same[1:] & open_[1:], False))
+        low, high = self.low[first].copy(), self.high[last].copy()
+        for n in np.flatnonzero(same[first]).tolist():
+            low[n] = self._takes_up(AXES.index(name), int(low[n]), int(self.high[first[n]]))
+        for n in np.flatnonzero(np.append(same[1:], False)[last]).tolist():
+            while high[n] < kind.size and kind[high[n]] == RAPID:
+                high[n] += 1
+        return first, low, high, self.high[last]
+
+    def _takes_up(self, axis: int, low: int, high: int) -> int:
+        """Return the first motion that says to which side an axis is taken up in a section."""
+        motions = self.program.motions
+        cut = low + int(np.argmax(motions.kind[low:high] != RAPID))
+        moves = self.crossings.moves(axis, low, high)
+        rapids = moves[moves < cut]
+        return cut if (moves >= cut).any() or not rapids.size else int(rapids[-1])
+
+    def _closed(self, rows: Array, axis: int, section: IntArray, lows: IntArray, highs: IntArray) -> Array:
+        """Add the change to no offset at the end of every span that has changes, and name spans by first sections.
+
+        The last rapid of the axis takes the offset back where nothing cuts after it, the first one where cuts follow
+        that leave the axis alone; else a stop behind the last motion does.
+        """
+        motions = self.program.motions
+        ends = []
+        for span in np.unique(rows[:, CHAIN]).astype(np.int64).tolist():
+            low, high = int(lows[span]), int(highs[span])
+            last = low + int(np.flatnonzero(motions.kind[low:high] != RAPID)[-1])
+            after = np.flatnonzero(motions.start[last + 1 : high, axis] != motions.end[last + 1 : high, axis])
+            rapid = after.size > 0
+            goes_on = high < motions.chain.size and motions.chain[high] == motions.chain[high - 1]
+            motion = last + 1 + int(after[0 if goes_on else -1]) if rapid else high - 1
+            row = np.zeros(rows.shape[1])
+            row[[MOTION, SHARE, SIGN, CARRIED, CHAIN]] = motion, 1.0, 0.0, rapid, span
+            ends.append(row)
+        if not ends:
+            return rows
+        every = np.concatenate([rows, ends])
+        # A stable sort: of two changes in one rapid the one to none comes last.
+        every = every[np.argsort(every[:, CHAIN], kind="stable")]
+        every[:, CHAIN] = section[every[:, CHAIN].astype(np.int64)]
+        return np.asarray(every)
+
+    def section_of(self, motion: Array) -> IntArray:
+        """Return the numbers of the sections of motions (n,)."""
+        return np.asarray(np.searchsorted(self.low, motion, side="right") - 1)
+
+    def cost(self, changes: dict[str, Array], coarser: float = 1.0) -> float:
+        """Return the time that changes cost [s], with errors of crossings up to a multiple of the least."""
+        return self.crossings.cost(changes, coarser)
+
+    def gain(self, name: str, rows: Array) -> Array:
+        """Squares of the offsets of an axis, summed over the time [m² s] in which the tool cuts in sections, (s,)."""
+        motion, ends = rows[:, MOTION].astype(np.int64), self._clock[np.append(self.low, self.times.size)]
+        if not motion.size:
+            return np.zeros(self.low.size)
+        at = self._clock[motion] + rows[:, SHARE] * (self._clock[motion + 1] - self._clock[motion])
+        minus, plus = self.sides[name]
+        square = np.where(rows[:, SIGN] > 0.0, plus**2, np.where(rows[:, SIGN] < 0.0, minus**2, 0.0))
+        at = np.append(at, self._clock[-1])
+        return np.diff(np.interp(ends, at, np.append(0.0, np.cumsum(square * np.diff(at)))))
+
+    def give_up(self, name: str, section: int, why: str, *, for_now: bool = False) -> None:
+        """Leave an axis uncompensated in a section, for a reason that warnings give, or `for_now`."""
+        if for_now:
+            self._for_now.append((name, section, why))
+        self.open[name][section] = False
+        self._given_up.setdefault((name, why), set()).add(section)
+
+    def take_again(self) -> None:
+        """Take again what was left for now."""
+        for name, section, why in self._for_now:
+            self.open[name][section] = True
+            self._given_up[name, why].discard(section)
+        self._for_now.clear()
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is not compensated, a warning for each axis and reason."""
+        found = []
+        for (name, why), sections in self._given_up.items():
+            if not sections:
+                continue
+            where = _stretch_words(self.program, [(int(self.low[n]), int(self.high[n])) for n in sorted(sections)])
+            found.append(f"axis {name} not compensated in {where}: {why}")
+        return found
+
+    def unsplit(self, changes: dict[str, Array]) -> bool:
+        """Give up sections in which a motion cannot be divided at a reversal; return true where there was one."""
+        found = False
+        for name, rows in changes.items():
+            inside = rows[(rows[:, SHARE] > 0.0) & (rows[:, SHARE] < 1.0)]
+            section = self.section_of(inside[:, MOTION])
+            for motion, share, number in zip(*inside[:, [MOTION, SHARE]].T.tolist(), section.tolist(), strict=True):
+                why = why_indivisible(self.program, self.dialect, int(motion), share)
+                if why and self.open[name][number]:
+                    self.give_up(name, number, why)
+                    found = True
+            found |= self._unknown_sides(name, rows)
+        return found
+
+    def _unknown_sides(self, name: str, rows: Array) -> bool:
+        """Give up sections in which a cut from an unknown place ends where an axis is to be shifted first."""
+        motions, found = self.program.motions, False
+        if 0.0 not in self.sides[name]:
+            # Half of the backlash to either side is no worse than the plain program, whichever side it is.
+            return False
+        first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)[: len(rows)]
+        for row in rows[first & (rows[:, SIGN] != 0.0)]:
+            begin, section = int(row[FIRST]), int(row[CHAIN])
+            cuts = motions.kind[begin] != RAPID and row[SHARE0] == 1.0
+            if cuts and np.isnan(motions.start[begin, AXES.index(name)]) and self.open[name][section]:
+                self.give_up(
+                    name, section, f"the motion in line {motions.block[begin] + 1} leaves it on an unknown side"
+                )
+                found = True
+        return found
+
+
+def section_words(program: PartProgram, sections: Collection[int]) -> str:
+    """Name the lines of sections for a warning, the first few stretches of them."""
+    low, high = section_spans(program.motions)
+    return _stretch_words(program, [(int(low[n]), int(high[n])) for n in sorted(sections)])
+
+
+def _stretch_words(program: PartProgram, stretches: Sequence[tuple[int, int]]) -> str:
+    joined: list[list[int]] = []
+    for begin, end in stretches:
+        if joined and joined[-1][1] == begin:
+            joined[-1][1] = end
+        else:
+            joined.append([begin, end])
+    block = program.motions.block
+    return places_words([(int(block[begin]), int(block[end - 1])) for begin, end in joined])
