@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(File(__file__).parents[1]))
 
-from support.program_judge import Measured, Stretches, gaps_of, measure, played, settled_time, tail_of
+from support.program_judge import Measured, Played, Stretches, gaps_of, measure, played, settled_time, tail_of
 from support.random_cuts import RandomCut, random_cut
 
 import ph_post as ph
@@ -98,15 +98,15 @@ def judge(job: RandomCut, allowed: Sequence[float] = ALLOWED) -> list[Judged]:
             text = result.program().decode()
             if text not in measured:
                 # With more time allowed a program is often the same.
-                measured[text] = measure(_played(result.after, text, path, job.machine), path, job.machine)
+                measured[text] = measure(_played(result.after, text, path, job.machine, plain), path, job.machine)
             found.append(_judged(job, share, result, before, measured[text]))
     return found
 
 
-def _played(motion: Any, text: str, path: Stretches, machine: Any) -> Any:
+def _played(motion: Any, text: str, path: Stretches, machine: Any, plain: Played | None = None) -> Played:
     block = motion.program.motions.block
     lines = np.where(motion.command.segment < 0, 0, block[np.maximum(motion.command.segment, 0)] + 1)
-    return played(text, path, motion.command, lines, gaps_of(machine), settled_time(machine))
+    return played(text, path, motion.command, lines, gaps_of(machine), settled_time(machine), plain)
 
 
 def _judged(job: RandomCut, share: float, result: Any, before: Measured, after: Measured) -> Judged:

@@ -104,7 +104,10 @@ class Stretches:
 
     def nearest_on(self, places: Floats, moves: list[Move]) -> Floats:
         """Nearest points (n, 3) [mm] of some moves."""
-        points = run(moves, DENSE).motor
+        return self.nearest_in(places, run(moves, DENSE).motor)
+
+    def nearest_in(self, places: Floats, points: Floats) -> Floats:
+        """Nearest points (n, 3) [mm] of the lines between points."""
         return self._nearest(points, cKDTree(points), places)[0]
 
     @staticmethod
@@ -135,7 +138,7 @@ class Stretches:
 
 
 class Played(NamedTuple):
-    """A program's motors (n, 3) [mm], the original's run of each row, and which rows count.
+    """A program's motors (n, 3) [mm], the original's run of each row, which rows count, and the line of each.
 
     `free` (n, 3) are the motors without the offsets that the program gave them, `exact` the path next to them.
     """
@@ -143,6 +146,7 @@ class Played(NamedTuple):
     motor: Floats
     run_of: NDArray[np.int64]
     counted: NDArray[np.bool_]
+    line: NDArray[np.int64]
     free: Floats
     exact: Floats
 
@@ -177,12 +181,12 @@ def origins(text: str) -> list[Origin]:
 
 
 def without_offsets(
-    text: str, original: Stretches, motor: Floats, lines: NDArray[np.int64], own: Stretches
+    text: str, original: Stretches, motor: Floats, lines: NDArray[np.int64], own: Stretches, plain: Played
 ) -> tuple[Floats, Floats]:
-    """Motors without offsets, and the path next to them on the lines that they run; where these are new both are that.
+    """Motors without offsets, and the path next to them on the lines that they run.
 
-    Moves end as far from where the moves end for which they stand as their offsets are; between two ends these grow
-    with the way.
+    Where these are new the motors are those of the original on the lines that were there. Moves end as far from where
+    the moves end for which they stand as their offsets are; between two ends these grow with the way.
     """
     stands = origins(text)
     free, exact = motor.copy(), motor.copy()
@@ -206,7 +210,8 @@ def without_offsets(
             among = [move for move, k in theirs if first <= move.line < last and k == number]
             exact[rows] = original.nearest_on(free[rows], among) if among else done[-1].end
             if stands[own.moves[begin].line].new:
-                free[rows] = exact[rows]
+                there = np.isin(plain.line, [move.line for move in among or done[-1:]])
+                free[rows] = original.nearest_in(exact[rows], plain.motor[there]) if there.sum() > 1 else exact[rows]
         before, begin = after, end
     return free, exact
 
@@ -229,8 +234,16 @@ def winds_up(moves: list[Move], gaps: Floats) -> set[int]:
     return found
 
 
-def played(text: str, original: Stretches, command, lines: NDArray[np.int64], gaps: Floats, settled: float) -> Played:
-    """Rows of a program: `command` in SI units, `lines` (n,) the line of each of them, from 1."""
+def played(
+    text: str,
+    original: Stretches,
+    command,
+    lines: NDArray[np.int64],
+    gaps: Floats,
+    settled: float,
+    plain: Played | None = None,
+) -> Played:
+    """Rows of a program: `command` in SI units, `lines` (n,) the line of each of them, from 1; `plain` the original."""
     motor = np.zeros((len(command.t), 3))
     motor[:, ["XYZ".index(name) for name in command.axes]] = 1e3 * command.position
     own = Stretches(text, gaps)
@@ -243,9 +256,9 @@ def played(text: str, original: Stretches, command, lines: NDArray[np.int64], ga
     begins = np.array([original.begins.get(k, 0) for k in range(int(numbers.max()) + 1)])
     cuts &= (along - begins[numbers]) * DENSE > BEGINS
     free, exact = motor, original.nearest(motor, numbers)[0]
-    if text != original.text:
-        free, exact = without_offsets(text, original, motor, np.maximum.accumulate(lines), own)
-    return Played(motor, numbers, cuts & (command.t >= settled), free, exact)
+    if plain is not None:
+        free, exact = without_offsets(text, original, motor, np.maximum.accumulate(lines), own, plain)
+    return Played(motor, numbers, cuts & (command.t >= settled), lines, free, exact)
 
 
 def _bodies(machine) -> list[Body]:
@@ -277,7 +290,6 @@ def measure(program: Played, path: Stretches, machine) -> Measured:
     motors = _motors(program.motor, machine)
     band = [motors if way is program.motor else _motors(way, machine) for way in (program.free, program.exact)]
     steps = [np.linalg.norm(np.diff(one, axis=0), axis=1) for one in band]
-    # A controller that merges short moves jumps to the last of them: the exact path does with it, the motors do not.
     way, step, near = np.append(0.0, np.cumsum(steps[0])), np.maximum(*steps), NEAR + LONG * gaps_of(machine).max()
     first: tuple[Floats, Floats, Floats] | None = None
     found = []

@@ -125,14 +125,14 @@ class CutPath:
         return follow_path(self._pieces, self.starts, position, self._reach(command.axes, command.position), WIDE)
 
     def closest_on_motions(self, position: Array, place: Array, first: IntArray, end: IntArray) -> Array:
-        """Return the points (n, 3) [m] of motions of the program that are closest to positions (n, 3) [m].
+        """Return the places (n,) along the program [m] where motions of it are closest to positions (n, 3) [m].
 
         From `first` to before `end` (n,) there may be none: then it is the joint there. Of turns of a circle it is the
         one next to a `place` (n,) [m].
         """
         of_legs = self.legs.motion.astype(np.int64)
         low, high = (np.searchsorted(of_legs, motion) for motion in (first, end))
-        return self.points(closest_on(self._pieces, self.starts, position, place, low, high)[1])
+        return closest_on(self._pieces, self.starts, position, place, low, high)[1]
 
     def turns_in_air(self, program: PartProgram, command: Command) -> IntArray:
         """Count for each motion (m,) of a program how often the tool came into the air or left it before."""

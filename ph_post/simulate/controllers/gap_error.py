@@ -64,7 +64,7 @@ def program_gap_error(
             replace(cut.command, position=np.ascontiguousarray(cut.path.points(cut.place, cut.command.axes))),
         )
     else:
-        ways = (None if led else _without_offsets(cut)) or _as_fast(cut, plain)
+        ways = (None if led else _without_offsets(cut, plain)) or _as_fast(cut, plain)
     bands = {one: _band(ways, rows, machine, one, _reach(cut)) for one in dict.fromkeys(map(_without_gap, tried))}
 
     def added(scenario: Scenario) -> ContourError | None:
@@ -89,11 +89,11 @@ def _reach(cut: FollowedCut) -> float:
     return SLACK + GAPS * float(cut.path.gaps(cut.command).max())
 
 
-def _without_offsets(cut: FollowedCut) -> tuple[Command, Command] | None:
+def _without_offsets(cut: FollowedCut, plain: FollowedCut) -> tuple[Command, Command] | None:
     """Return a command without the offsets that its program declares, and that of the exact path at the same pace.
 
     A line that is not changed carries what it begins and ends with. In a changed stretch a crossing leaves the path:
-    there both are next to the command on the path.
+    there they are the original's way and the path, both next to the command.
     """
     program, path, command = cut.moved_by, cut.path, cut.command
     original = path.program
@@ -122,11 +122,14 @@ def _without_offsets(cut: FollowedCut) -> tuple[Command, Command] | None:
     free = full - (1.0 - share) * offset[own] - share * offset[own + 1]
     low = np.maximum(np.searchsorted(theirs, known[:, 0]), np.searchsorted(turns, known[:, 2]))
     high = np.minimum(np.searchsorted(theirs, known[:, 1]), np.searchsorted(turns, known[:, 2], side="right"))
-    exact = path.closest_on_motions(free, cut.place, low[motion], np.maximum(low, high)[motion])
-    free = np.where(origins.changed[blocks[motion]][:, None], exact, free)
+    place = path.closest_on_motions(free, cut.place, low[motion], np.maximum(low, high)[motion])
+    changed = origins.changed[blocks[motion]]
+    free[changed] = _at_rows(_way_of(plain), _rows_at(np.maximum.accumulate(plain.place), place[changed]))
     columns = [AXES.index(name) for name in command.axes]
-    both = [replace(command, position=np.ascontiguousarray(one[:, columns])) for one in (free, exact)]
-    return both[0], both[1]
+    return (
+        replace(command, position=np.ascontiguousarray(free[:, columns])),
+        replace(command, position=np.ascontiguousarray(path.points(place, command.axes))),
+    )
 
 
 def _ends(program: PartProgram, count: IntArray) -> Array:
@@ -143,21 +146,31 @@ def _in_space(table: Array) -> Array:
 def _as_fast(cut: FollowedCut, plain: FollowedCut) -> tuple[Command, Command]:
     """Return commands that go along the original's way, and along the exact path, as fast as the command of a cut."""
     command, path = cut.command, cut.path
-    way = path.in_space(plain.command.axes, plain.command.position)[:, [AXES.index(name) for name in command.axes]]
+    way = _way_of(plain)
     known, place = np.maximum.accumulate(plain.place), np.maximum.accumulate(cut.place)
     row = _keep_pace(
         _rows_at(known, place - _reach(cut)),
         _rows_at(known, place + JOINT),
-        _way_along(path.in_space(plain.command.axes, plain.command.position)),
+        _way_along(way),
         np.diff(_way_along(path.in_space(command.axes, command.position)), prepend=0.0),
         command.period / plain.command.period,
     )
-    every = np.arange(known.size)
-    position = np.stack([np.interp(row, every, column) for column in way.T], axis=1)
+    columns = [AXES.index(name) for name in command.axes]
+    place = np.interp(row, np.arange(known.size), plain.place)
     return (
-        replace(command, position=position),
-        replace(command, position=np.ascontiguousarray(path.points(np.interp(row, every, plain.place), command.axes))),
+        replace(command, position=np.ascontiguousarray(_at_rows(way, row)[:, columns])),
+        replace(command, position=np.ascontiguousarray(path.points(place, command.axes))),
     )
+
+
+def _way_of(cut: FollowedCut) -> Array:
+    """Positions (m, 3) [m] of a command."""
+    return cut.path.in_space(cut.command.axes, cut.command.position)
+
+
+def _at_rows(way: Array, row: Array) -> Array:
+    """Places (n, 3) [m] of a way (m, 3) at rows (n,), or between two of them."""
+    return np.stack([np.interp(row, np.arange(len(way)), column) for column in way.T], axis=1)
 
 
 def _way_along(position: Array) -> Array:

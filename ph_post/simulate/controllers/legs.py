@@ -27,8 +27,9 @@ class Legs(NamedTuple):
     much of an arc's length is a line before it. `speed` is what F asks for, `most` what the axes can, `push`
     the acceleration that they can; `rapid` is 1 for G0. `tolerance` is how far the corner at the end may be
     rounded, 0 where that is not said, -1 where the end is to be reached (G61), -2 where it stops (G61.1).
-    `motion` is the program's motion it is part of, from `share0` to `share1` of it. `pause` [s] and `drains`
-    (0 or 1) say whether the planner's queue runs empty before it, and how long the axes rest then.
+    `motion` is the program's motion it is part of, from `share0` to `share1` of it; of linked moves it is the
+    last, and those before are shares of it below 0. `pause` [s] and `drains` (0 or 1) say whether the planner's
+    queue runs empty before it, and how long the axes rest then.
     """
 
     origin: Array

@@ -55,6 +55,9 @@ from ph_post.types import (
 MOST_LINKED = 101
 """Lines that become one at most."""
 
+LEAST_WAY: Final = 1e-9
+"""Way [m] that a move has at least where lines are told apart that became one."""
+
 
 @compiled
 def linked_ends(starts: Array, ends: Array, linking: Array, feed: Array, flat: IntArray) -> IntArray:
@@ -199,12 +202,32 @@ def _linked(legs: Legs, program: PartProgram, limits: Array, otherwise: float) -
     _put_lines(lines, everywhere, start[first], end[last], limits)
     for name in ("origin", "first", "length", "most", "push", "radius"):
         getattr(joined, name)[rows] = getattr(lines, name)[rows]
+    # The moves before the last are shares of it below 0.
+    ways = _ways(start, end)
+    joined.share0[:] = (ways[first] - ways[last]) / (ways[last + 1] - ways[last])
     joined.pause[:], joined.drains[:] = legs.pause[first], legs.drains[first]
     # What F asks for is not the last move's own speed: one that goes nowhere has none.
     asked = np.where(motions.duration[last] > 0.0, legs.speed[last], motions.feed[last])
     free = (legs.rapid[last] == 1.0) | ~(asked > 0.0)
     joined.speed[:] = np.where(rows, np.where(free, joined.most, np.minimum(asked, joined.most)), joined.speed)
     return joined
+
+
+def _ways(start: Array, end: Array) -> Array:
+    """Ways (n + 1,) [m] from the beginning to the end of each move, from places (n, 3) to others."""
+    return np.concatenate([[0.0], np.cumsum(np.maximum(np.sqrt(((end - start) ** 2).sum(axis=1)), LEAST_WAY))])
+
+
+def _own_moves(program: PartProgram, motion: IntArray, share: Array) -> tuple[IntArray, Array]:
+    """Find the moves (m,) that rows of linked ones belong to, and their shares (m,) of these."""
+    linked = np.flatnonzero(share < 0.0)
+    if not linked.size:
+        return motion, share
+    ways, last = _ways(*known_ends(program)), motion[linked]
+    way = ways[last] + share[linked] * (ways[last + 1] - ways[last])
+    own = np.searchsorted(ways, way, side="right") - 1
+    motion[linked], share[linked] = own, (way - ways[own]) / (ways[own + 1] - ways[own])
+    return motion, share
 
 
 def _flat(legs: Legs, program: PartProgram, linking: Array) -> IntArray:
@@ -388,8 +411,8 @@ def run_program(
         blocks = _blocks(program, limits, planner, period)
         meet_turns = meet_turns and not any(response_time(axis.servo) for axis in machine.axes.values())
         return _command(*exact_rows(blocks, planner, limits, period, program, meet_turns=meet_turns), machine)
-    rows = _run(*_planned(_moves(program, limits, planner, period), limits, period), period, program)
-    return _command(*rows, steps_of(rows[0]), machine)
+    position, motion, share = _run(*_planned(_moves(program, limits, planner, period), limits, period), period, program)
+    return _command(position, *_own_moves(program, motion, share), steps_of(position), machine)
 
 
 def check_run(program: PartProgram, machine: Machine) -> None:

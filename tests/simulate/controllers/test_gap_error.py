@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -75,6 +76,27 @@ def test_on_a_late_circle_it_is_that_of_play_on_the_smaller_one() -> None:
         for share in (1.0 - crossed, 1.0)
     )
     assert 0.99 * least < found.rms < 1.01 * most
+
+
+@pytest.mark.parametrize(("step", "tolerance"), [(0.5, 0.02), (1.0, 0.01), (0.3, 0.01)])
+def test_what_backlash_adds_to_linked_chords_is_no_more_than_all_causes_leave(
+    step: float, tolerance: float, tmp_path: Path
+) -> None:
+    """What all causes leave, and what is left without backlash: from a place of the table to its place without."""
+    angles = np.arange(-0.5, 0.5, step / 20.0)
+    chords = [f"G1 X{20.0 * math.sin(angle):.3f} Y{20.0 * math.cos(angle) - 20.0:.3f}" for angle in angles]
+    lines = ["G21 G17 G90 G94", f"G64 P{tolerance}", f"G0 {chords[0][3:]} Z5", "G1 Z-1 F600", *chords[1:], "G0 Z5"]
+    file = tmp_path / "arc.ngc"
+    file.write_text("\n".join([*lines, "M2", ""]), encoding="utf-8")
+    rounded = replace(late(40e-6), dialect="linuxcnc")
+    found = ph.compensate(file, rounded, max_slowdown=0.1)
+    assert any(row.compensated for row in found.axis_reversals)
+    without = ph.compensate(file, replace(late(0.0), dialect="linuxcnc")).before.error
+    after, gap = found.after.error, found.after.error_gap
+    assert after is not None
+    assert gap is not None
+    assert without is not None
+    assert gap.max < after.max + without.max
 
 
 @pytest.mark.parametrize("feedback", ["none", "motor"])

@@ -93,6 +93,16 @@ def test_every_row_knows_its_motion() -> None:
     np.testing.assert_allclose(found.position[-1], [0.0, 0.0, 0.0], atol=1e-12)
 
 
+def test_rows_of_linked_lines_belong_to_the_one_they_are_on() -> None:
+    """On one straight line X says which, and how much of it is done; the one that goes nowhere has no rows."""
+    ends = np.array([0.0, 0.4, 0.5, 2.0, 2.0, 2.7, 5.0])
+    found = run(ROUTER, "G64 P0.01", "G1 F600", *(f"X{end}" for end in ends[1:]), "G0 Y10")
+    moving = (found.segment >= 0) & (found.segment < ends.size - 1)
+    told = np.interp((found.segment + found.xi)[moving], np.arange(ends.size), ends)
+    np.testing.assert_allclose(told, 1e3 * found.position[moving, 0], atol=10.0 * ROUTER.servo_period)
+    assert set(found.segment[moving].tolist()) == {0, 1, 2, 4, 5}
+
+
 def test_limits_of_the_axes_hold() -> None:
     found = run(STEPPER, "G64 P0.05", "G0 X10", "G1 X40 F1800", "Y20", "X10", "X5 Y10", "G0 X0 Y0 Z3")
     for number, name in enumerate(found.axes):
