@@ -83,6 +83,8 @@ def compensate(
     expand: bool = False,
     subprograms: Sequence[Source] = (),
     parameters: Source | None = None,
+    tool_table: Source | None = None,
+    controller_units: Literal["mm", "inch"] = "mm",
     progress: Progress = no_progress,
 ) -> Compensation:
     """Compensate a path or a part program for the backlash of a machine.
@@ -160,11 +162,16 @@ def compensate(
     lead_program : bool
         Write the lead of the servos into the path of the program, as chords; it holds at 100 % feed override.
     expand : bool
-        Write a part program out first: parameters, loops, subprograms and cycles become plain motions.
+        Write a part program out first: parameters, loops, subprograms, cycles and cutter compensation become
+        plain motions.
     subprograms : sequence of str or path
         Folders of subprograms that are files of their own, besides that of the program.
     parameters : str or path, optional
         The controller's file of parameters, for programs that read them.
+    tool_table : str or path, optional
+        The controller's table of tools, for cutter compensation by G41 and G42.
+    controller_units : "mm" or "inch"
+        Units of the controller's files.
     progress : callable, optional
         Called with the name of every stage.
 
@@ -227,6 +234,8 @@ def compensate(
         expand=expand,
         subprograms=tuple(os.fspath(folder) for folder in subprograms),
         parameters=parameters,
+        tool_table=tool_table,
+        controller_units=controller_units,
     )
     return compensated(job, machine, options, output, progress)
 

@@ -11,6 +11,7 @@ from ph_post.dialects.declaration import read_declaration
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
 from ph_post.expand.expand import ExpandError, Expansion, Folders, expand
+from ph_post.expand.tools import ToolShape, tools_of_table
 from ph_post.expand.writing import Written, is_written_out, read_written
 from ph_post.files.storage import SourceBytes, read_source
 from ph_post.gcode.program import PartProgram
@@ -42,18 +43,29 @@ def expanded_job(
     Raises
     ------
     InputError
-        Where the file of parameters cannot be read; of `strict` options also where the program cannot be written out.
+        Where the file of parameters or of tools cannot be read; of `strict` options also where the program cannot be
+        written out.
     """
     if not options.expand or read_declaration(job.data) is not None or is_written_out(job.data):
         return job, ()
     parameters = None if options.parameters is None else read_parameters(options.parameters)
+    tools = None if options.tool_table is None else read_tools(options.tool_table)
     base = dialect.split("+", maxsplit=1)[0]
     if base not in (*_SPOKEN, "fanuc"):
         return job, (f"{job.name}: not written out: programs of {dialect} are taken as they are",)
     folders = Folders(_folders(job.name, options.subprograms))
     try:
         decimals = None if base != "fanuc" else 4 if "isc" in dialect else 3
-        found = expand(job.data, job.name, folders, fanuc_decimals=decimals, parameters=parameters)
+        inches = options.controller_units == "inch"
+        found = expand(
+            job.data,
+            job.name,
+            folders,
+            fanuc_decimals=decimals,
+            parameters=parameters,
+            tools=tools,
+            inches=inches,
+        )
     except ExpandError as error:
         where = f"{error.file or job.name}:{max(error.line, 1)}"
         if options.strict:
@@ -101,6 +113,17 @@ def read_parameters(source: str | os.PathLike[str]) -> dict[int, float]:
     return found
 
 
+def read_tools(source: str | os.PathLike[str]) -> dict[int, ToolShape]:
+    """Read a controller's table of tools: `InputError` with the line that is none."""
+    text = read_source(source)
+    try:
+        return tools_of_table(text.text)
+    except ValueError as error:
+        number = error.args[0]
+        got = text.text.splitlines()[number - 1].strip()[:40]
+        raise InputError(f"{text.name}:{number}", "not a tool", expected="words as T1 P1 D6.35", got=got) from None
+
+
 def before_expansion(data: bytes, name: str) -> bytes | None:
     """Return the original of a program that was written out; None where it was not.
 
@@ -132,6 +155,12 @@ def written_out(original: PartProgram, compensated: PartProgram) -> PartProgram:
 def _again(original: PartProgram, kept: Written) -> bytes:
     folders = Folders(known=kept.files)
     again = expand(
-        original.data, original.name, folders, fanuc_decimals=kept.fanuc_decimals, parameters=kept.parameters
+        original.data,
+        original.name,
+        folders,
+        fanuc_decimals=kept.fanuc_decimals,
+        parameters=kept.parameters,
+        tools=kept.tools,
+        inches=kept.inches,
     )
     return again.data

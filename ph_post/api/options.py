@@ -78,6 +78,8 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     expand: bool = False
     subprograms: tuple[str, ...] = ()
     parameters: str | os.PathLike[str] | None = None
+    tool_table: str | os.PathLike[str] | None = None
+    controller_units: Literal["mm", "inch"] = "mm"
     notes_in_header: bool = False
 
     def __post_init__(self) -> None:

@@ -406,8 +406,8 @@ _EXPANDING = (
     click.option(
         "--expand",
         is_flag=True,
-        help="Write a program out first: parameters, loops, subprograms and cycles become plain motions. For LinuxCNC; "
-        "subprograms and macros also for Fanuc.",
+        help="Write a program out first: parameters, loops, subprograms, cycles and cutter compensation become plain "
+        "motions. For LinuxCNC; subprograms and macros also for Fanuc.",
     ),
     click.option(
         "--subprograms",
@@ -420,6 +420,18 @@ _EXPANDING = (
         "--parameters",
         metavar="FILE",
         help="With --expand: the controller's file of parameters (linuxcnc.var), for programs that read them.",
+    ),
+    click.option(
+        "--tool-table",
+        metavar="FILE",
+        help="With --expand: the controller's table of tools (tool.tbl), for cutter compensation by G41 and G42.",
+    ),
+    click.option(
+        "--controller-units",
+        type=click.Choice(["mm", "inch"]),
+        default="mm",
+        show_default=True,
+        help="With --parameters and --tool-table: the units of these files, which are the machine's.",
     ),
 )
 

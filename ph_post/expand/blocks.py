@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Mapping
 from typing import Final
 
+from ph_post.expand.compensated import CompensatedBlocks
+from ph_post.expand.cutter import center_by_radius
 from ph_post.expand.cycles import CYCLES, MOVING, CycleMemory, CycleWriter
 from ph_post.expand.faults import ExpandError, NotExpandableError
 from ph_post.expand.lines import LineWord, ProgramLine
 from ph_post.expand.machine import AXES, GROUP_OF, MOTIONS, MachineState
 from ph_post.expand.offsets import WorkOffsets
+from ph_post.expand.tools import ToolShape
 from ph_post.expand.values import UNKNOWN, Store
 from ph_post.expand.writing import number_text
 
@@ -23,6 +27,9 @@ _COMPUTED: Final = re.compile(r"#\s*(?:<([^>]*)>|(\d+))|%(?:d|f|\.(\d)f)")
 STOPS: Final = (2, 30)
 """M words that end a program."""
 
+_HALTS: Final = (0, 1, 60, *STOPS)
+"""M words that are obeyed behind the motion of their block."""
+
 
 class BlockRunner:
     """Runs blocks, and writes them out to `lines`.
@@ -33,11 +40,27 @@ class BlockRunner:
     machine : MachineState
     offsets : WorkOffsets
     decimals : int
+    tools : mapping of int to ToolShape
+        That are known.
+    standing : mapping
+        Why the cutter compensation that is switched on at a place (file and line) stays as it is.
+
+    `at` is the place of the line that runs; `aside` says that its block is written for a turning cycle to read.
     """
 
-    def __init__(self, store: Store, machine: MachineState, offsets: WorkOffsets, decimals: int) -> None:
+    def __init__(
+        self,
+        store: Store,
+        machine: MachineState,
+        offsets: WorkOffsets,
+        decimals: int,
+        tools: Mapping[int, ToolShape],
+        standing: Mapping[tuple[str, int], str],
+    ) -> None:
         self.store, self.machine, self.offsets, self.decimals = store, machine, offsets, decimals
         self.lines: list[str] = []
+        self.at, self.aside = ("", 0), False
+        self.cutter = CompensatedBlocks(machine, self.lines, decimals, tools, standing)
         self.memory = CycleMemory()
         self.notes: dict[str, None] = {}
         self.changed = False
@@ -60,9 +83,15 @@ class BlockRunner:
         if line.optional and (line.settings or set(codes) - {0, 10, 20, 30} or orders or self.machine.motion in CYCLES):
             raise NotExpandableError("a line with a slash runs or not as the machine's switch says")
         odd = [code for code in codes if code not in _KNOWN]
+        same = [code for code in codes if self.machine.modes.get(GROUP_OF.get(code, "")) == code]
         self._modal(codes, orders, words)
+        if not self.aside:
+            self.cutter.switch(codes, words, self.at, self.offsets.unit("x"))
         motion = self._motion(codes, words)
-        if motion in MOVING:
+        self.cutter.check([code for code in codes if code not in same], orders, motion)
+        if self.cutter.begun is not None:
+            self._compensated(line, values, codes, orders, motion, words, keep=keep)
+        elif motion in MOVING:
             self._cycle(line, values, motion, words)
         else:
             self._write(line, values, keep=keep)
@@ -154,14 +183,7 @@ class BlockRunner:
             self._write(line, values, keep=True, standing=True)
             writer.leave_standing(motion, words)
             return
-        rest = [
-            f"{word.letter.upper()}{number_text(value, self.decimals)}"
-            for word, value in values_of(line, values)
-            if not _belongs(word.letter, value)
-        ]
-        comments = [f"({text})" for text in line.comments]
-        if rest or comments:
-            self.lines.append(" ".join([*rest, *comments]))
+        self._write_rest(line, values, _belongs, keep=True)
         made = writer.write(motion, words)
         made.insert(writer.raised, "G61" if mode not in (0, 610) else "")
         self.lines += ([] if machine.absolute else ["G90"]) + [text for text in made if text]
@@ -171,6 +193,60 @@ class BlockRunner:
         if back:
             self.lines.append(" ".join(back))
         self.changed = True
+
+    def _compensated(
+        self,
+        line: ProgramLine,
+        values: list[float],
+        codes: list[int],
+        orders: list[int],
+        motion: int,
+        words: dict[str, float],
+        *,
+        keep: bool,
+    ) -> None:
+        """Write a block of a stretch in which the tool's centre is led."""
+        moves, halts = motion != -1, [order for order in orders if order in _HALTS]
+        if line.optional:
+            raise NotExpandableError("a line with a slash runs or not as the machine's switch says")
+        if not moves and not any(self.cutter.is_dropped("g", code, moves=False) for code in codes):
+            if halts:
+                self.cutter.stop()
+            self._write(line, values, keep=keep)
+            return
+
+        def belongs(letter: str, value: float) -> bool:
+            if letter == "m":
+                return moves and round(value) in _HALTS
+            return self.cutter.is_dropped(letter, round(10.0 * value), moves=moves)
+
+        self._write_rest(line, values, belongs, keep=keep)
+        if moves:
+            self.cutter.move(motion, words)
+            self.machine.motion, self.memory.initial = motion, None
+            if halts:
+                self.cutter.stop()
+                self.lines.append(" ".join(f"M{order}" for order in halts))
+        self.changed = True
+
+    def _write_rest(
+        self, line: ProgramLine, values: list[float], belongs: Callable[[str, float], bool], *, keep: bool
+    ) -> None:
+        """Write what does not belong to the motions of a block ahead of them."""
+        texts = [
+            f"{word.letter.upper()}{self._text(word, value)}"
+            for word, value in values_of(line, values)
+            if not belongs(word.letter, value)
+        ]
+        texts += self._comments(line, keep=keep)
+        if texts:
+            self.lines.append(" ".join(texts))
+
+    def _comments(self, line: ProgramLine, *, keep: bool) -> list[str]:
+        comments = line.comments if keep else line.active
+        if self.store.numbers.get(5599) == 0.0:  # switches these messages off
+            comments = tuple(text for text in comments if not re.match(r"\s*debug,", text, re.IGNORECASE))
+        return [f"({self._comment(text)})" for text in comments]
 
     def _write(self, line: ProgramLine, values: list[float], *, keep: bool, standing: bool = False) -> None:
         if not line.computed and not line.active:
@@ -189,10 +265,7 @@ class BlockRunner:
         if polar:
             texts += self._polar(line, values)
         texts = self._center(line, values, texts)
-        comments = line.comments if keep else line.active
-        if self.store.numbers.get(5599) == 0.0:  # switches these messages off
-            comments = tuple(text for text in comments if not re.match(r"\s*debug,", text, re.IGNORECASE))
-        texts += [f"({self._comment(text)})" for text in comments]
+        texts += self._comments(line, keep=keep)
         if texts:
             self.lines.append(("/" if line.optional else "") + " ".join(texts))
 
@@ -224,9 +297,8 @@ class BlockRunner:
         chord = math.hypot(across, along)
         if math.isnan(chord) or chord == 0.0 or abs(words["r"]) < (0.5 - 1e-4) * chord:
             return texts
-        height = math.sqrt(max(words["r"] ** 2 - 0.25 * chord**2, 0.0)) / chord
-        height *= -1.0 if (motion == 20) == (words["r"] > 0.0) else 1.0
-        center = (0.5 * across - height * along, 0.5 * along + height * across)
+        found = center_by_radius(0j, complex(across, along), words["r"], clockwise=motion == 20)
+        center = (found.real, found.imag)
         kept = [text for text, word in zip(texts, self._shown(line), strict=False) if word.letter != "r"]
         absolute = self.machine.modes["centres"] == 901
         for axis, value in zip(axes, center, strict=False):
@@ -267,6 +339,8 @@ class BlockRunner:
         for code in codes:
             if code in _SETTING:
                 self.offsets.apply(code, words)
+            if code == 100 and round(words.get("l", 0.0)) in (1, 10, 11):
+                self.cutter.set_tool(words, self.offsets.unit("x"))
         if motion == -1:
             return
         if motion not in CYCLES:

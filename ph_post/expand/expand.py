@@ -14,11 +14,12 @@ from ph_post.expand.fanuc import FanucRunner
 from ph_post.expand.faults import ExpandError
 from ph_post.expand.lines import Source
 from ph_post.expand.run import ProgramRunner
+from ph_post.expand.tools import ToolShape
 from ph_post.expand.writing import DECIMALS, Written, head_line, is_written_out, with_original
 
 _NEEDED: Final = re.compile(
     rb"#|\[|^[ \t]*/?[ \t]*(?:N[ \t\d.]*)?O[ \t]*[<\d]|"
-    rb"G[ \t]*(?:7[34]|8[1-9])(?![\d.])|M[ \t]*(?:98|99|7[0-3])(?!\d)|[@^]",
+    rb"G[ \t]*(?:7[34]|8[1-9]|4[12](?:\.1)?)(?![\d.])|M[ \t]*(?:98|99|7[0-3])(?!\d)|[@^]",
     re.IGNORECASE | re.MULTILINE,
 )
 """What a program that computes has somewhere."""
@@ -26,6 +27,9 @@ _NEEDED: Final = re.compile(
 _MACRO: Final = re.compile(rb"#|\[|M[ \t]*0*98(?!\d)|G[ \t]*0*65(?![\d.])|GOTO", re.IGNORECASE)
 
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
+
+_MOST_STANDING: Final = 20
+"""Cutter compensations in one program that are tried in vain."""
 
 _FANUC_FILES: Final = ("", ".nc", ".NC", ".cnc", ".CNC", ".txt", ".TXT", ".tap", ".ngc")
 
@@ -90,6 +94,8 @@ def expand(
     *,
     fanuc_decimals: int | None = None,
     parameters: Mapping[int, float] | None = None,
+    tools: Mapping[int, ToolShape] | None = None,
+    inches: bool = False,
 ) -> Expansion:
     r"""Write out a program of LinuxCNC's language, or of Fanuc's.
 
@@ -105,6 +111,10 @@ def expand(
         written out, and what stands behind the end of the main program stays. Without it the language is LinuxCNC's.
     parameters : mapping of int to float, optional
         The controller's own file of parameters, for LinuxCNC.
+    tools : mapping of int to ToolShape, optional
+        Tools of the controller's table, for LinuxCNC; without it only radii that the program gives are known.
+    inches : bool
+        Whether the controller's files count in inches, as the machine then does.
 
     Returns
     -------
@@ -135,19 +145,47 @@ def expand(
         macro = FanucRunner(source, folders.find, fanuc_decimals)
         lines, changed = macro.run(), macro.changed
     else:
-        runner = ProgramRunner(source, folders.find, DECIMALS, parameters)
-        lines, changed = runner.run(), runner.blocks.changed
-        notes = list(runner.notes)
+        runner, lines = _run(source, folders, parameters, tools or {}, inches)
+        notes, changed = runner.notes, runner.blocks.changed
         assumed = sorted(runner.store.assumed)
         if assumed and parameters is None:
             named = ", ".join(f"#{key}" for key in assumed[:8]) + (", …" if len(assumed) > 8 else "")
             notes.insert(0, f"taken to be 0, as nothing was put there before they were read: {named}")
     if not changed:
-        return Expansion(data=data)
+        return Expansion(data=data, notes=tuple(notes))
     kept = None if parameters is None else dict(parameters)
     dialect = f"fanuc {fanuc_decimals}" if fanuc else "linuxcnc"
-    written = Written(original=data, digest="", dialect=dialect, files=folders.read, parameters=kept)
+    written = Written(
+        original=data,
+        digest="",
+        dialect=dialect,
+        files=folders.read,
+        parameters=kept,
+        tools=dict(tools or {}),
+        inches=inches,
+    )
     return Expansion(data=_joined(data, lines, written), notes=tuple(notes))
+
+
+def _run(
+    source: Source,
+    folders: Folders,
+    parameters: Mapping[int, float] | None,
+    tools: Mapping[int, ToolShape],
+    inches: bool,
+) -> tuple[ProgramRunner, list[str]]:
+    """Run a program of LinuxCNC's language: anew, with it left as it is, where a cutter compensation cannot be had."""
+    standing: dict[tuple[str, int], str] = {}
+    while True:
+        runner = ProgramRunner(source, folders.find, DECIMALS, parameters, tools, standing, inches=inches)
+        try:
+            return runner, runner.run()
+        except ExpandError as error:
+            begun = runner.blocks.cutter.begun
+            if begun is None or len(standing) == _MOST_STANDING:
+                raise
+            where = f"line {error.line}" if error.file == begun[0] else f"{error.file}:{error.line}"
+            standing[begun] = f"{error.what} ({where})"
 
 
 def _joined(data: bytes, lines: list[str], written: Written) -> bytes:

@@ -48,8 +48,8 @@ class NamedValues:
         self.levels = 0
 
     def place(self, index: int) -> float:
-        """Return the place of an axis, in the program's coordinates."""
-        return self._machine.place[AXES[index]]
+        """Return the place of an axis, in the program's coordinates; a compensated one is that of the tool's centre."""
+        return self._machine.place[AXES[index]] if self._machine.modes["cutter"] == 400 else UNKNOWN
 
     def look_up(self, name: str) -> float | None:
         """Return a parameter, NaN where it is not known, None where there is none of that name."""
@@ -62,9 +62,9 @@ class NamedValues:
         if name in _NOT_KNOWN or name.startswith(("_ini[", "_hal[")):
             return UNKNOWN
         if len(name) == 2 and name[1] in AXES:
-            return machine.place[name[1]]
+            return self.place(AXES.index(name[1]))
         if name.startswith("_abs_") and len(name) == 6 and name[5] in AXES and self.offsets is not None:
-            return machine.place[name[5]] + self.offsets.total(name[5])
+            return self.place(AXES.index(name[5])) + self.offsets.total(name[5])
         found: dict[str, float] = {
             "_line": float(self.line),
             "_motion_mode": float(machine.motion),

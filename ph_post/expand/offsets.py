@@ -28,7 +28,7 @@ class WorkOffsets:
         self._store, self._machine, self._inches = store, machine, inches
         self._tool = dict.fromkeys(AXES, 0.0 if store.number(5221) == 0.0 else UNKNOWN)
 
-    def _unit(self, axis: str) -> float:
+    def unit(self, axis: str) -> float:
         """Return the machine's unit in those of the program."""
         code = self._machine.modes["units"]
         if axis not in _LINEAR:
@@ -41,7 +41,7 @@ class WorkOffsets:
         value = self._store.numbers.get(first + AXES.index(axis))
         if value is None:
             value = self._store.number(first + AXES.index(axis))
-        return value * self._unit(axis) if value else value
+        return value * self.unit(axis) if value else value
 
     def _system(self, code: int | None = None) -> int:
         return 5221 + 20 * _SYSTEMS.index(self._machine.modes["system"] if code is None else code)
@@ -109,7 +109,7 @@ class WorkOffsets:
             self._home(5161 if code == 280 else 5181, words)
         elif code in (281, 301):
             for axis in AXES:
-                value = (self._machine.place[axis] + self.total(axis)) / self._unit(axis)
+                value = (self._machine.place[axis] + self.total(axis)) / self.unit(axis)
                 self._store.put((5161 if code == 281 else 5181) + AXES.index(axis), value)
         elif code in (520, 920):
             self._set_names(words, adds=code == 520)
@@ -136,7 +136,7 @@ class WorkOffsets:
         for axis in AXES:
             if axis not in words:
                 continue
-            key, unit = base + AXES.index(axis), self._unit(axis)
+            key, unit = base + AXES.index(axis), self.unit(axis)
             if kind == 2:
                 self._store.numbers[key] = words[axis] / unit
             else:
@@ -156,9 +156,9 @@ class WorkOffsets:
             key = 5211 + AXES.index(axis)
             had = self._store.number(key) if self._store.number(5210) else self._store.number(5210)
             if adds:
-                self._store.numbers[key] = words[axis] / self._unit(axis)
+                self._store.numbers[key] = words[axis] / self.unit(axis)
             else:
-                self._store.numbers[key] = had + (self._machine.place[axis] - words[axis]) / self._unit(axis)
+                self._store.numbers[key] = had + (self._machine.place[axis] - words[axis]) / self.unit(axis)
         self._store.numbers[5210] = 1.0
         self._keep(before, [axis for axis in AXES if axis in words])
         if not adds:
@@ -167,5 +167,5 @@ class WorkOffsets:
     def _home(self, first: int, words: dict[str, float]) -> None:
         named = [axis for axis in AXES if axis in words] or list(AXES)
         for axis in named:
-            self._machine.place[axis] = self._store.number(first + AXES.index(axis)) * self._unit(axis)
+            self._machine.place[axis] = self._store.number(first + AXES.index(axis)) * self.unit(axis)
             self._machine.place[axis] -= self.total(axis)

@@ -17,6 +17,7 @@ from ph_post.expand.named import NamedValues
 from ph_post.expand.offsets import WorkOffsets
 from ph_post.expand.progress import MOST_SILENT, Progress
 from ph_post.expand.states import SavedStates
+from ph_post.expand.tools import ToolShape
 from ph_post.expand.values import LOCAL, ParameterFrame, Store
 
 Find = Callable[[str], Source | None]
@@ -57,24 +58,40 @@ class ProgramRunner:
         Of lengths that are written.
     parameters : mapping or None
         The controller's own file of parameters.
+    tools, standing : mapping
+        As of :class:`BlockRunner`.
+    inches : bool
+        Whether the machine's units are inches.
     """
 
     def __init__(
-        self, source: Source, find: Find, decimals: int, parameters: Mapping[int, float] | None = None
+        self,
+        source: Source,
+        find: Find,
+        decimals: int,
+        parameters: Mapping[int, float] | None,
+        tools: Mapping[int, ToolShape],
+        standing: Mapping[tuple[str, int], str],
+        *,
+        inches: bool = False,
     ) -> None:
         self.machine = MachineState()
         self._named = NamedValues(self.machine)
         self.store = Store(self._named.look_up, self._named.place, parameters)
-        offsets = WorkOffsets(self.store, self.machine)
+        offsets = WorkOffsets(self.store, self.machine, inches=inches)
         self._named.offsets = offsets
-        self.blocks = BlockRunner(self.store, self.machine, offsets, decimals)
+        self.blocks = BlockRunner(self.store, self.machine, offsets, decimals, tools, standing)
         self._find = find
         self._states = SavedStates(self.blocks)
         self._subs: dict[str, tuple[Source, int]] = {}
         self._contours: dict[str, list[str]] = {}
         self.calls = [Call(source=source, at=0)]
         self._main, self._percents, self._broken = source, 0, False
-        self.notes = self.blocks.notes
+
+    @property
+    def notes(self) -> list[str]:
+        """What has to be known of the program."""
+        return [*self.blocks.notes, *self.blocks.cutter.notes]
 
     @property
     def call(self) -> Call:
@@ -104,6 +121,7 @@ class ProgramRunner:
         """Run the next line; True at the end of the program."""
         line = call.source.line(call.at)
         self._named.line = call.at + 1
+        self.blocks.at = (call.source.name, call.at + 1)
         call.at += 1
         if line.percent:
             return self._percent(call, line)
@@ -178,9 +196,11 @@ class ProgramRunner:
 
     def _contour(self, label: str) -> list[str]:
         """Run a subprogram for its lines alone."""
+        if self.blocks.cutter.begun is not None:
+            raise NotExpandableError("a turning cycle with cutter compensation on")
         source, at = self._target(self.call, label, ("sub",))
         machine, lines, depth = copy.deepcopy(self.machine.__dict__), self.blocks.lines, len(self.calls)
-        self.blocks.lines = []
+        self.blocks.lines, self.blocks.aside = [], True
         self._enter(Call(source=source, at=at + 1, label=label, start=at + 1), ParameterFrame())
         while len(self.calls) > depth:
             call = self.call
@@ -188,7 +208,7 @@ class ProgramRunner:
                 raise ExpandError(f"the contour of a turning cycle does not end: o{label}")
             self._step(call)
         self.machine.__dict__.update(machine)
-        found, self.blocks.lines = self.blocks.lines, lines
+        found, self.blocks.lines, self.blocks.aside = self.blocks.lines, lines, False
         return found
 
     # ------------------------------------------------------------------ choices and loops

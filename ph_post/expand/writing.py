@@ -12,6 +12,7 @@ from typing import Final
 import msgspec
 
 from ph_post.errors import InputError
+from ph_post.expand.tools import ToolShape
 from ph_post.version import package_version
 
 DECIMALS: Final = 9
@@ -41,7 +42,8 @@ class Written(msgspec.Struct, frozen=True, kw_only=True):
     """What the comments of a program that was written out keep.
 
     `original` program; `digest` of the text before the comments; `dialect` and `files`, the subprograms that it
-    called by name, so that it can be written out again; `parameters` of the controller, None where none were given.
+    called by name, so that it can be written out again; `parameters` of the controller, None where none were given;
+    `tools` that were known; `inches` says that both count in them.
     """
 
     original: bytes
@@ -49,6 +51,8 @@ class Written(msgspec.Struct, frozen=True, kw_only=True):
     dialect: str = ""
     files: dict[str, bytes] = {}
     parameters: dict[int, float] | None = None
+    tools: dict[int, ToolShape] = {}
+    inches: bool = False
 
     @property
     def fanuc_decimals(self) -> int | None:

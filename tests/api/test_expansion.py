@@ -81,6 +81,26 @@ def test_a_file_of_parameters_is_read(file, tmp_path):
         assert ph.compensate(file, "stepper", **how).program()
 
 
+def test_a_table_of_tools_gives_the_radius(file, tmp_path):
+    file.write_bytes(b"G21 G90 F600\nG0 X0 Y0\nG42 D2 G1 X5\nY5\nX0\nG40 X-5\nM2\n")
+    table = tmp_path / "tool.tbl"
+    table.write_text("T1 P1 D6 Z-20 ; end mill\n\nT2 P2 D2\n")
+    how = {"dialect": "linuxcnc", "expand": True, "strategy": "none"}
+    out = tmp_path / "out.ngc"
+    result = ph.compensate(file, "stepper", tool_table=table, **how)
+    result.write(out)
+    assert b"\nG1 X6 Y-1\n" not in out.read_bytes()
+    assert b"\nG3 X6 Y0 I0 J1\n" in out.read_bytes()
+    assert ph.undo(out) == file.read_bytes()
+    assert ph.verify(file, out).ok
+    inches = ph.compensate(file, "stepper", tool_table=table, controller_units="inch", **how)
+    assert "the tool's radius" in inches.warnings[0]
+    assert "the radius of tool 2 is not known" in ph.compensate(file, "stepper", **how).warnings[0]
+    table.write_text("T1 P1 D6\nT2 five\n")
+    with pytest.raises(InputError, match=r"tool\.tbl:2: not a tool; expected words as T1 P1 D6\.35; got T2 five"):
+        ph.compensate(file, "stepper", tool_table=table, **how)
+
+
 def test_subprograms_and_macros_of_fanuc(file, tmp_path):
     text = "%\nO0001\nG21 G17 G90 F600.\nG0 X0 Y0\n#1=0\nWHILE[#1LT3]DO1\nM98 P2\n#1=#1+1\nEND1\nM30\n"
     file.write_text(text + "O0002\nG1 X[20.+#1]\nX0\nM99\n%\n")

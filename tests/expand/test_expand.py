@@ -173,5 +173,35 @@ def test_notes_say_what_was_taken_to_be_zero():
     assert lines_of("G0 X#170\n", parameters={170: 2.5}) == ["G0 X2.5"]
 
 
+CONTOUR = "G1 X5\nY5\nX0\nG40 X-5\nM2\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (HEAD + "G41 D4\n" + CONTOUR, "3: cutter compensation stays as it is: the radius of tool 4 is not known"),
+        (HEAD + "G41\n" + CONTOUR, "which tool is in the spindle is not known"),
+        (HEAD + "G41.1 D9\n" + CONTOUR, "the tool cuts into a concave corner at a line (line 6)"),
+        (HEAD + "G41.1 D12\n" + CONTOUR, "not longer than the tool's radius (line 4)"),
+        (HEAD + "G41.1 D2\nG3 X1 Y1 R.9\n" + CONTOUR, "does not fit into the arc (line 4)"),
+        (HEAD + "G41.1 D2\nG1 X5\nG28 Z0\n" + CONTOUR, "G28 with cutter compensation on (line 5)"),
+        (HEAD + "G41.1 D2\nG1 X5\nG1 X[#5420+9]\n" + CONTOUR, "X depends on what only the machine knows"),
+        (HEAD + "G41.1 D2\nG93\n" + CONTOUR, "G93 with cutter compensation on (line 4)"),
+        ("G21 G90\nG41.1 D2\n" + CONTOUR, "the place where the compensation begins is not known"),
+        (HEAD + "G19 G41.1 D2\n" + CONTOUR, "the plane of the compensation"),
+        (HEAD + "G41.1 D2 G93\n" + CONTOUR, "under G93"),
+    ],
+)
+def test_compensation_that_cannot_be_had_stays_and_is_named(text, why):
+    if "#" in text:
+        assert why in fault_of(text).what
+        return
+    found = expand(text.encode(), "a.ngc")
+    assert found.data == text.encode()
+    assert why in found.notes[0]
+    computing = expand(b"#1=7\nG0 X#1\n" + text.encode(), "a.ngc").data
+    assert computing.split(b"G0 X7\n")[1].startswith(text.encode())
+
+
 def test_a_comment_with_an_empty_name_stays():
     assert lines_of("#1=2\n(debug, #<> and #1)\nM2\n")[0] == "(debug, #<> and 2.000000)"
