@@ -28,6 +28,9 @@ from ph_post.gcode.read import read_program, shortened
 from ph_post.gcode.words import excerpt
 from ph_post.types import Machine, sealed, take
 
+XYZ_ONLY: Final = Language(further="")
+"""RS274/NGC of which moves of further axes are passed through."""
+
 NOT_UNDERSTOOD: Final = "M98"
 """A line after which neither the position nor a mode is known."""
 
@@ -68,7 +71,7 @@ def read_translated(
     remarks: Mapping[int, Remark],
     *,
     in_place: bool,
-    language: Language = RS274,
+    language: Language = XYZ_ONLY,
     words: WordTable | None = None,
 ) -> PartProgram:
     """Read a program by the translations of its lines.

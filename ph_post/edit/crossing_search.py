@@ -208,7 +208,7 @@ class CrossingSearch:
         kind = self._program.motions.kind[k]
         if kind in (RAPID, NURBS) or (kind == CUBIC and self._dialect.abilities.cubic is None):
             return False
-        return not (self._program.language.bound is not None and why_kept_whole(self._program, k))
+        return not why_kept_whole(self._program, k)
 
     def _shape(self, axis: Axis) -> CrossingShape:
         fastest = float(np.max(self._feed[self._program.motions.kind != RAPID], initial=0.0))

@@ -16,6 +16,7 @@ from ph_post.edit.block_words import words_by_letter
 from ph_post.edit.extrusion import filament_of
 from ph_post.edit.reversals import chain_spans
 from ph_post.errors import InputError
+from ph_post.gcode.further import further_lines
 from ph_post.gcode.motion_parts import split_cubic
 from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import AXES, CUBIC, NURBS, RAPID, PartProgram
@@ -43,11 +44,14 @@ def why_indivisible(program: PartProgram, dialect: Dialect, motion: int, share: 
 
 
 def why_kept_whole(program: PartProgram, motion: int, *, shared: bool = True) -> str:
-    """Return the reason why the program's language keeps a motion's line whole; empty where it does not.
+    """Return the reason why a motion's line is kept whole; empty where it is not.
 
-    Where what is extruded may be `shared` between the parts, that is no reason.
+    That is what the program's language says of it, and a move of another axis beside X, Y and Z. Where what is extruded
+    may be `shared` between the parts, that is no reason.
     """
     bound, block = program.language.bound, int(program.motions.block[motion])
+    if letters := further_lines(program).get(block):
+        return f"moves {' and '.join(letters)} too"
     return "" if bound is None or (shared and block in filament_of(program)) else bound(program.text(block))
 
 

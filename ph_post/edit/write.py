@@ -28,6 +28,7 @@ from ph_post.edit.word_shifts import (
     shifted_words,
 )
 from ph_post.errors import InputError
+from ph_post.gcode.further import ROTARY, further_words
 from ph_post.gcode.lexer import split_lines
 from ph_post.gcode.program import ByteArray, PartProgram
 from ph_post.gcode.working import working_motions
@@ -49,6 +50,9 @@ CUT: Final = f"{HELD} against the cut"
 
 UNTURNED: Final = "holds for work offsets that are not rotated, mirrored or scaled"
 """Note in the head of every compensated program: reversals are those of the machine's axes."""
+
+FIXED: Final = "holds where rotary axes do not move X, Y and Z, nor hold the tip of the tool in its place"
+"""Note in the head of programs with words of rotary axes: their kinematics are the controller's affair."""
 
 _LARGEST: Final = 10**13
 """Numbers of more digits than this would not survive the sum with an offset."""
@@ -346,6 +350,8 @@ def declare(
     count, stops = stops_written(tasks, program.motions)
     asked = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
     held = (CUT if working_motions(program, machine.tool).tool == "cutter" else HELD,) if edits.amplitude else ()
+    rotary = np.isin(program.words.letter[further_words(program)], [ord(letter) for letter in ROTARY])
+    turning = (FIXED,) if rotary.any() else ()
     pauses = [dialect.syntax.dwell.written(pause, dialect.numbers.feed_digits) for pause in asked if pause > 0.0]
     return Declaration(
         version=package_version(),
@@ -373,5 +379,5 @@ def declare(
         commands=dialect.notices.guard if machine.own_correction is not None else (),
         closing=dialect.notices.closing(machine.own_correction) if machine.own_correction is not None else "",
         # Only firmware that can be told so in a program is told it in the head as well.
-        notes=(UNTURNED, *held, *(own_setting(dialect, machine) if dialect.notices.guard else ()), *notes),
+        notes=(UNTURNED, *turning, *held, *(own_setting(dialect, machine) if dialect.notices.guard else ()), *notes),
     )

@@ -95,7 +95,8 @@ TOOL_CHANGE, PROBE, HOME, MACHINE, FRAME_CHANGE, END, LENGTH_CHANGE = 1, 2, 4, 8
     LONE_SPLINE,
     STAYING_G,
     STAYING_M,
-) = range(1, 27)
+    ROTARY_PAIR,
+) = range(1, 28)
 """Why a block is not understood."""
 
 FAULT, QUIET = 100, 200
@@ -172,16 +173,20 @@ _GROUPS: Final[dict[int, tuple[int, ...]]] = {
     14: (960, 970),
     15: (70, 80),
     16: (921, 922, 923),
-    17: (121, 131, 150, 160, 500, 501, 510, 511, 680, 682, 683, 684, 690),
+    17: (121, 131, 150, 160, 500, 501, 510, 511, 434, 435, 680, 682, 683, 684, 690),
 }
 GROUP = np.full(1000, -1, np.int64)
 for _number, _codes in _GROUPS.items():
     GROUP[list(_codes)] = _number
 FRAMES = np.array(
-    [[70, 80], [160, 150], [510, 500], [511, 501], [680, 690], [121, 131], [682, 690], [683, 690], [684, 690]]
+    [
+        *([70, 80], [160, 150], [510, 500], [511, 501], [680, 690], [121, 131], [682, 690], [683, 690], [684, 690]),
+        *([434, 490], [435, 490]),
+    ]
 )
 """Words that make the frame another, and words that end that: diameters (G7), polar coordinates (G16), scaled
-(G51), mirrored (G51.1), turned (G68), a plane about a rotary axis (G12.1), tilted (G68.2 to G68.4)."""
+(G51), mirrored (G51.1), turned (G68), a plane about a rotary axis (G12.1), tilted (G68.2 to G68.4), held at the
+tip of the tool while rotary axes turn (G43.4, G43.5, up to G49)."""
 
 STAYS, CALLS = 1, 2
 """Effects of words that are not of RS274/NGC: on neither axes nor modes; on any of them, as a subprogram has."""
@@ -285,16 +290,24 @@ for _number, _codes in _M_GROUPS.items():
 """Letters of words, as bits they are the letters that a block has."""
 
 
-def _bits(letters: str) -> int:
+def letter_bits(letters: str) -> int:
+    """Return letters as bits.
+
+    Examples
+    --------
+    >>> letterletter_bits("AC")
+    5
+    """
     return sum(1 << ord(letter) - ord("A") for letter in letters)
 
 
-AXES: Final = _bits("XYZ")
-FURTHER: Final = _bits("ABCUVW")
-FURTHER_LINEAR: Final = _bits("UVW")
-CENTER: Final = _bits("IJK")
-ALWAYS: Final = _bits("FGMNOST")
-SPLINE_LETTERS: Final = _bits("XYIJPQ")
-NURBS_LETTERS: Final = _bits("XYPL")
-LENIENT: Final = _bits("DEHLPQR")
+AXES: Final = letter_bits("XYZ")
+FURTHER: Final = letter_bits("ABCUVW")
+FURTHER_LINEAR: Final = letter_bits("UVW")
+ROTARY: Final = letter_bits("ABC")
+CENTER: Final = letter_bits("IJK")
+ALWAYS: Final = letter_bits("FGMNOST")
+SPLINE_LETTERS: Final = letter_bits("XYIJPQ")
+NURBS_LETTERS: Final = letter_bits("XYPL")
+LENIENT: Final = letter_bits("DEHLPQR")
 """Letters of words that G4, G10, G41, G43, G64, M6x and others use."""

@@ -139,9 +139,9 @@ def _apply_g(value: Any, codes: Any, count: int, state: Any, given: Any) -> Any:
         if group == 1 and code == 800 and given[1] >= 0:
             continue  # the other motion is the one that lasts
         given[group] = code
-        if group in (15, 17):
+        if group in (8, 15, 17):
             state[FRAME] = _framed(int(state[FRAME]), code)
-        elif FIELD[group] >= 0:
+        if group not in (15, 17) and FIELD[group] >= 0:
             state[FIELD[group]] = _setting(group, code)
     return why, fault, place
 

@@ -80,6 +80,8 @@ from ph_post.gcode.codes import (
     QUIET,
     RAPID,
     REST,
+    ROTARY,
+    ROTARY_PAIR,
     SPLINE_FROM_NOWHERE,
     SPLINE_LETTERS,
     SPLINE_PLANE,
@@ -425,17 +427,20 @@ def _zero_group(code: int, motion: int, explicit: int, present: int, modes: Any,
 
 
 @inner
-def _motion_task(code: int, explicit: int, present: int) -> Any:
-    """Return what the motion mode makes of a block: task, break, why not understood, letters it uses."""
+def _motion_task(code: int, explicit: int, present: int, further: int) -> Any:
+    """Return what the motion mode makes of a block: task, break, why not understood, letters it uses.
+
+    While axes of their own (`further`) move alone, X, Y and Z rest.
+    """
     axes = present & (AXES | FURTHER)
     arcs = code in (20, 30)
-    task, mark, why, used = FORGET, 0, 0, AXES
+    task, mark, why, used = FORGET, 0, 0, AXES | further
     if (not explicit and not axes and not (arcs and present & CENTER)) or (code == 800 and not axes):
         task = REST
     elif arcs:
-        task, used = ARC_CW if code == 20 else ARC_CCW, AXES | CENTER | (1 << LETTER_P) | (1 << LETTER_R)
+        task, used = ARC_CW if code == 20 else ARC_CCW, used | CENTER | (1 << LETTER_P) | (1 << LETTER_R)
     elif code in (0, 10):
-        task = REST if not axes else RAPID if code == 0 else LINE
+        task = REST if not axes & ~further else RAPID if code == 0 else LINE
     elif code in (50, 51):
         task, used = CUBIC if code == 50 else QUADRATIC, SPLINE_LETTERS
     elif code == 52:
@@ -464,6 +469,8 @@ def _doubt(task: int, used: int, present: int, flags: int, modes: Any) -> Any:
         why = OTHER_FRAME
     elif rest & FURTHER:
         why = FURTHER_AXIS
+    elif task >= LINE and present & ROTARY & (present & ROTARY) - 1:
+        why = ROTARY_PAIR
     elif rest:
         why = UNUSED_WORD
     elif unsure or (task >= LINE and modes[FEED_MODE] == UNKNOWN):
@@ -486,20 +493,21 @@ def _is_odd(present: int, flags: int) -> Any:
 def _is_aimed(task: int, why: int, present: int, flags: int, modes: Any) -> Any:
     """Return True if the end of a motion is known that is passed through for a rotary axis."""
     known = modes[UNITS] != UNKNOWN and modes[ABSOLUTE] != UNKNOWN and not flags & FRAMED
-    return why == FURTHER_AXIS and RAPID <= task <= ARC_CCW and not present & FURTHER_LINEAR and known
+    rotary = why in (FURTHER_AXIS, ROTARY_PAIR) and not present & FURTHER_LINEAR
+    return rotary and RAPID <= task <= ARC_CCW and known
 
 
 @inner
 def _decide(block: Any, values: Any, present: int, where: Any, modes: Any) -> Any:
     """Return what a block does: task, break, why not understood, its fault, the word."""
-    zero, motion, flags, feed = block
+    zero, motion, flags, feed, further = block
     explicit, word = flags & EXPLICIT, -1
     task, mark, why, refused = _zero_group(zero, motion, explicit, present, modes, values)
     used = AXES | FURTHER | CENTER | LENIENT
     if task < 0 and flags & OFFSET_LINE and present & AXES:
         task = FORGET_NAMED
     elif task < 0:
-        task, mark, doubt, used = _motion_task(motion, explicit, present)
+        task, mark, doubt, used = _motion_task(motion, explicit, present, further)
         why = max(why, doubt)
     if why == 0 and refused == 0 and RAPID <= task <= NURBS_END:
         why = _doubt(task, used, present, flags, modes)
@@ -509,19 +517,25 @@ def _decide(block: Any, values: Any, present: int, where: Any, modes: Any) -> An
             refused, word = _feed_fault(present, where, modes, feed, flags >> KNOWN_SHIFT)
         if _is_aimed(task, why, present, flags, modes):
             task = AIMED
-    if why == 0 and refused == 0 and task == REST and zero < 0 and _is_odd(present, flags):
-        why = UNUSED_WORD
+    if why == 0 and refused == 0 and task == REST and zero < 0:
+        if present & further and flags & FRAMED:
+            why = OTHER_FRAME  # a rotary axis may be one of the plane's
+        elif _is_odd(present & ~further, flags):
+            why = UNUSED_WORD
     if modes[COMPENSATION] > 400.0:
         task, why, refused = FORGET, COMPENSATED, 0
     return task, mark, why, refused, word
 
 
 @compiled
-def choose_tasks(words: Any, table: Any, columns: Any, traits: Any, end: int, tasks: Any) -> Any:  # noqa: C901, PLR0912
+def choose_tasks(  # noqa: C901, PLR0912
+    words: Any, table: Any, columns: Any, traits: Any, end: int, further: int, tasks: Any
+) -> Any:
     """Decide what each block before `end` does.
 
     `columns` are those that :func:`resolve <ph_post.gcode.modes.resolve_modes>` fills; breaks, why a block is not
-    understood and the words with faults are added to them, `tasks` (n,) is filled. A lack of feed is said at the
+    understood and the words with faults are added to them, `tasks` (n,) is filled. `further` are the letters of axes
+    of their own beside X, Y and Z, a bit each. A lack of feed is said at the
     first cut that has none.
     """
     blocks, letter, value = words
@@ -539,7 +553,7 @@ def choose_tasks(words: Any, table: Any, columns: Any, traits: Any, end: int, ta
         elif high > first or traits[block]:
             present = _spread(letter, value, first, high, values, where)
             more = LENIENT_LINE if stays else 0
-            parts = (zeros[block], motions[block], np.int64(flags[block]) | more, feeds[block])
+            parts = (zeros[block], motions[block], np.int64(flags[block]) | more, feeds[block], further)
             modes = table[states[block]]
             task, mark, why, fault, word = _decide(parts, values, present, where, modes)
             if fault in (NO_FEED, ZERO_FEED, NO_INVERSE_FEED):

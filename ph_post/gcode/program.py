@@ -75,6 +75,9 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         Of a last line, behind which nothing may stand.
     turns : callable
         ``turns(number) -> text``: the word of an arc of so many turns.
+    further : str
+        Letters of axes of their own beside X, Y and Z, which begin and end their moves together with them: A, B and
+        C turn, U, V and W are linear.
     """
 
     name: str = ""
@@ -94,6 +97,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     after_motion: tuple[float, ...] = (0.0, 1.0, 2.0, 30.0, 60.0)
     closing: re.Pattern[bytes] | None = None
     turns: Callable[[int], str] = "P{}".format
+    further: str = "ABCUVW"
 
     def hidden(self, data: bytes) -> bytes:
         """Return a program's text as the reader of RS274/NGC is to have it."""

@@ -73,9 +73,11 @@ _TEXTS: Final = {
     codes.LONE_SPLINE: "spline that is not whole",
     codes.STAYING_G: "G word of other controllers, which moves nothing",
     codes.STAYING_M: "M word of other controllers, which moves nothing",
+    codes.ROTARY_PAIR: "cut in which several rotary axes turn, perhaps about the tip of the tool",
 }
 _LETTERS: Final = {
     codes.FURTHER_AXIS: "ABCUVW",
+    codes.ROTARY_PAIR: "ABC",
     codes.UNUSED_WORD: "ABCDEHIJKLPQRUVW",
     codes.CYCLE: "GXYZ",
     codes.THREAD: "GXYZ",
@@ -243,7 +245,7 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
     lexed = read_words(plain, lines)
     if language.lengths is not None:
         lexed = msgspec.structs.replace(lexed, words=language.lengths(lexed.words, plain))
-    blocks = _resolve(lexed, plain, language.start())
+    blocks = _resolve(lexed, plain, language)
     motions = _make_motions(lexed, blocks)
     notes = find_notes(lexed, data, blocks)
     if strict and notes:
@@ -286,7 +288,7 @@ def reread(program: PartProgram, data: bytes, name: str | None = None) -> PartPr
     return read_program(data, program.name if name is None else name, language=program.language)
 
 
-def _resolve(lexed: Lexed, data: bytes, fixed: Array) -> _Blocks:
+def _resolve(lexed: Lexed, data: bytes, language: Language) -> _Blocks:
     """Find each block's modal state and task; after the program's end nothing changes any more."""
     count = lexed.lines.size - 1
     states, feeds, tasks = np.zeros(count, np.int32), np.full(count, np.nan), np.zeros(count, np.uint8)
@@ -295,12 +297,12 @@ def _resolve(lexed: Lexed, data: bytes, fixed: Array) -> _Blocks:
     columns = (states, feeds, motions, zeros, flags, marks, lexed.whys, lexed.spots)
     text = (lexed.words.block, lexed.words.letter, lexed.words.value)
     stretches = find_stretches(lexed, data)
-    stop, table = resolve_modes(text, lexed.traits, stretches, lexed.end, columns, fixed)
+    stop, table = resolve_modes(text, lexed.traits, stretches, lexed.end, columns, language.start())
     last = stop + 1 if stop < lexed.end else stop
     if 0 < last < count:
         states[last:], feeds[last:] = states[last - 1], feeds[last - 1]
     lexed.whys[last + (stop == lexed.end) :] = 0
-    choose_tasks(text, table, columns, lexed.traits, last, tasks)
+    choose_tasks(text, table, columns, lexed.traits, last, codes.letter_bits(language.further), tasks)
     return _Blocks(
         states=states,
         feeds=feeds,

@@ -12,6 +12,7 @@ from ph_post.units import MM
 from ph_post.verify.crossing_words import check_crossing_words
 from ph_post.verify.crossings import check_crossings
 from ph_post.verify.declared import DeclaredChanges, read_declared
+from ph_post.verify.further import check_further
 from ph_post.verify.leads import check_leads
 from ph_post.verify.line_pairs import VerifyCase, pair_lines
 from ph_post.verify.offsets import (
@@ -178,6 +179,7 @@ def _compare(case: VerifyCase, machine: Machine | None) -> None:
     check_states(case)
     check_breaks(case)
     check_commands(case)
+    check_further(case)
     dwells = check_dwells(case)
     pairing = pair_motions(case, dwells)
     if pairing is None:

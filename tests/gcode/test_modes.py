@@ -127,8 +127,9 @@ def test_inches_are_inches():
         ("G92.1", "frame", "XYZ"),
         ("G92.3", "frame", "XYZ"),
         ("G53 G0 Z0 A5", "machine coordinates", "Z"),
-        ("G1 A90", "not understood", ""),
-        ("G1 U90", "not understood", "XYZ"),
+        ("G2 A90", "not understood", "XYZ"),
+        ("G1 X1 A90 B5", "not understood", ""),
+        ("G1 U90 V2 C3 A5 X1", "not understood", "XYZ"),
         ("G81 X1 Z-5 R1", "not understood", "XYZ"),
         ("G1 X#5", "not understood", "XYZ"),
         ("M98 P5", "not understood", "XYZ"),
@@ -150,10 +151,31 @@ def test_behind_a_break_the_place_of_what_may_have_moved_is_known_by_absolute_wo
     np.testing.assert_array_equal(program.motions.end[-1], [7e-3, *before[1:]])
 
 
-def test_a_rotary_axis_beside_the_others_leaves_them_where_the_line_says():
-    program = read("G1 X1 A90\nG91 Y1 A90\nG90 G1 X7\n")
-    assert ends(program) == [[7, 1, 0]]
-    assert ends(program, "start") == [[1, 1, 0]]
+def test_a_further_axis_beside_the_others_leaves_them_where_the_line_says():
+    program = read("G1 X1 A90\nG91 Y1 A90\nG90 G1 X7 U3\nG2 X9 I1 C5\nG0 X8 B3 C4\n")
+    assert kinds(program) == []
+    assert ends(program) == [[1, 0, 0], [1, 1, 0], [7, 1, 0], [9, 1, 0], [8, 1, 0]]
+
+
+@pytest.mark.parametrize("words", ["G1 A90", "G0 A90 B5", "G1 U5 V5 W5 C3", "G91 A5"])
+def test_while_further_axes_move_alone_the_others_rest(words):
+    program = read(f"G1 X1\n{words}\nG90 G1 X7\n")
+    assert kinds(program) == []
+    assert ends(program) == [[1, 0, 0], [7, 0, 0]]
+
+
+def test_two_rotary_axes_in_one_cut_are_passed_through_and_named():
+    program = read("G1 X1\nG1 X2 A5 B5\nG1 X7\n")
+    assert [note.what for note in program.notes] == [
+        "cut in which several rotary axes turn, perhaps about the tip of the tool: A5"
+    ]
+    assert ends(program, "start")[-1] == [2, 0, 0]
+
+
+@pytest.mark.parametrize(("begin", "end"), [("G43.4 H1", "G49"), ("G12.1", "G13.1")])
+def test_where_a_rotary_axis_may_move_the_others_nothing_is_understood(begin, end):
+    program = read(f"G1 X1\n{begin}\nG1 X2 C5\nG1 C9\nG1 X3\n{end}\nG0 X5\nG1 X6 C1\n")
+    assert [place[0] for place in ends(program)] == [1, 5, 6]
 
 
 def test_a_work_offset_that_is_not_in_force_moves_nothing():

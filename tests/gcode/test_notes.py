@@ -10,6 +10,7 @@ HEAD = "G21 G90 G17 G94 F600\nG0 X0 Y0 Z0\n"
 PLANE = "spline in another plane than G17"
 COMPUTED = "value that is computed"
 AXIS = "axis other than X, Y and Z"
+PAIR = "cut in which several rotary axes turn, perhaps about the tip of the tool"
 FRAME = "motion in a turned, scaled, polar or diameter frame"
 OTHERS = " of other controllers, which moves nothing"
 SPECIAL = "word of one controller, or of more digits than are kept"
@@ -29,7 +30,7 @@ def notes(program):
         ("#1=5\n#2=[#1+1]\nG1 X#1\n", [(2, 3, 1, "parameter: #1=5"), (4, 4, 4, f"{COMPUTED}: X#1")]),
         ("G1 X[1+2] Y5\n", [(2, 2, 4, "value that is computed: X[1+2]")]),
         ("G1 X-#5\nY SIN[30]\n", [(2, 3, 4, "value that is computed: X-#5")]),
-        ("G1 X1 A5\nM8\nX2 B5\n", [(2, 2, 7, f"{AXIS}: A5"), (4, 4, 4, f"{AXIS}: B5")]),
+        ("G5 X1 I1 P1 J1 Q1 A5\nM8\nG1 X2 B5 C1\n", [(2, 2, 19, f"{AXIS}: A5"), (4, 4, 7, f"{PAIR}: B5")]),
         ("G41 D1\nG1 X5\n\n(a)\nM8\nG1 X6\nG40\n", [(2, 7, 1, "cutter compensation: G41")]),
         ("G81 X1 Z-5 R1\nX2\n\nX3\nG80\n", [(2, 5, 1, "canned cycle: G81")]),
         ("G0 @5 ^30\n", [(2, 2, 1, "polar coordinates: G0 @5 ^30")]),
@@ -69,12 +70,11 @@ def test_a_stretch_is_named_by_the_word_it_is_for(body, expected):
 
 def test_strict_refuses_the_first_of_them_with_a_caret():
     with pytest.raises(InputError) as refusal:
-        read("G1 X1\nG1 X2 A5\nX#1\n", strict=True)
+        read("G1 X1\nG1 X2 A5 B1\nX#1\n", strict=True)
     assert str(refusal.value) == (
-        "a.ngc:4:7: not understood; expected a program that is understood throughout; "
-        "got axis other than X, Y and Z: A5"
+        f"a.ngc:4:7: not understood; expected a program that is understood throughout; got {PAIR}: A5"
     )
-    assert refusal.value.excerpt == "    G1 X2 A5\n          ^^"
+    assert refusal.value.excerpt == "    G1 X2 A5 B1\n          ^^"
 
 
 def test_strict_reads_what_is_understood():

@@ -39,7 +39,7 @@ from ph_post.dialects.base import (
     Syntax,
     end_remark,
 )
-from ph_post.dialects.fanuc.reader import read_fanuc
+from ph_post.dialects.fanuc.reader import FURTHER, read_fanuc
 from ph_post.dialects.lines import LineWriter
 from ph_post.gcode.blocks import Moves
 from ph_post.gcode.numbers import Comments
@@ -139,7 +139,7 @@ def _with_calculator(dialect: Dialect) -> Dialect:
 def _reading(dialect: Dialect, **how: Any) -> Language:
     """Return the language of a dialect that is read with further options."""
     read: Any = dialect.language.read
-    return Language(read=partial(read, **how))
+    return Language(read=partial(read, **how), further=FURTHER)
 
 
 _VARIANTS: Final[Mapping[str, Callable[[Dialect], Dialect]]] = {
@@ -162,7 +162,7 @@ DIALECT = Dialect(
     ),
     abilities=Abilities(),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6, feed_decimals=_FEED_DECIMALS, point=True),
-    language=Language(read=read_fanuc),
+    language=Language(read=read_fanuc, further=FURTHER),
     notices=Notices(
         assumed=(PRECONDITIONS, end_remark("M30"), "the program number may be taken: change it"),
     ),

@@ -196,8 +196,12 @@ _ODD: Final = re.compile(
 _NO_CALL: Final = re.compile(rb"G67(?!\d)")
 
 
-_LENGTHS: Final = np.isin(np.arange(256), [ord(letter) for letter in "XYZIJKRUVW"])
-"""Letters of lengths."""
+_LENGTHS: Final = np.isin(np.arange(256), [ord(letter) for letter in "XYZIJKRUVWABC"])
+"""Letters of lengths and angles."""
+
+
+FURTHER: Final = "ABC"
+"""Axes of their own; U, V and W may be increments of X, Y and Z."""
 
 
 def in_increments(words: WordTable, data: bytes, *, decimals: int) -> WordTable:
@@ -209,7 +213,7 @@ def in_increments(words: WordTable, data: bytes, *, decimals: int) -> WordTable:
     data : bytes
         Their text.
     decimals : int
-        Those of a mm; an inch has one more (increment system IS-B: 0.001 mm, 0.0001 inch).
+        Those of a mm and of a degree; an inch has one more (increment system IS-B: 0.001 mm, 0.0001 inch).
 
     Examples
     --------
@@ -222,7 +226,8 @@ def in_increments(words: WordTable, data: bytes, *, decimals: int) -> WordTable:
     units = (words.letter == ord("G")) & np.isin(words.value, (20.0, 21.0))
     inches = np.append(0.0, words.value[units])[np.cumsum(units)] == 20.0
     own = inches & np.isin(words.block, words.block[units])  # G20 holds for the whole of its block
-    places = np.where(bare, decimals + (inches | own), 0)
+    turns = np.isin(words.letter, [ord(letter) for letter in FURTHER])
+    places = np.where(bare, decimals + ((inches | own) & ~turns), 0)
     value = np.where(bare, words.value / 10.0**places, words.value)
     return msgspec.structs.replace(
         words, value=sealed(value), decimals=sealed((words.decimals + places).astype(np.int16))
@@ -281,7 +286,9 @@ def read_fanuc(data: bytes, name: str, *, calculator: bool = False, decimals: in
     for one in nurbs:
         one.write(texts, remarks)
     rule = None if calculator else partial(in_increments, decimals=decimals)
-    found = read_translated(data, lines, name, texts, remarks, in_place=True, language=Language(lengths=rule))
+    found = read_translated(
+        data, lines, name, texts, remarks, in_place=True, language=Language(lengths=rule, further=FURTHER)
+    )
     found = _in_seconds(with_nurbs(found, nurbs), dwells)
     return found if calculator else _say_increments(found, texts, decimals)
 

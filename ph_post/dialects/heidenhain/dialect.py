@@ -82,6 +82,7 @@ _CONVERSATIONAL: Final = Language(
     modal=False,
     after_motion=(0.0, 1.0, 2.0, 5.0, 9.0, 30.0),
     closing=_LAST_BLOCK,
+    further="",
 )
 
 
@@ -209,7 +210,7 @@ ISO_DIALECT = replace(
         dwell=DwellWords(word="G04", letter="F", decimals=_TIME_DECIMALS),
         finish=finish_iso,
     ),
-    language=Language(read=read_tnc_iso),
+    language=Language(read=read_tnc_iso, further=""),
     writer=IsoLines,
     ending=".i",
     variants={"tolerance": partial(_with_path_mode, path_mode=_g62)},

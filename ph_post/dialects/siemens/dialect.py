@@ -154,6 +154,7 @@ DIALECT = Dialect(
         path_words={"G61": "G60"},
         lone_modes=frozenset(("G0", "G1")),
         turns=_turns,
+        further="",
     ),
     notices=Notices(
         assumed=(

@@ -1,0 +1,44 @@
+"""Check the words of axes beside X, Y and Z."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ph_post.gcode.program import PartProgram
+from ph_post.types import Array, IntArray
+from ph_post.verify.line_pairs import VerifyCase
+
+
+def check_further(case: VerifyCase) -> None:
+    """Demand the same words of axes beside X, Y and Z, in the same order, in the lines and in the changes."""
+    (old, one), (new, other) = _words_of(case.original), _words_of(case.compensated)
+    case.findings.count("words of further axes", old.size)
+    if np.array_equal(one, other):
+        return
+    shared = min(old.size, new.size)
+    place = int(np.argmax((one[:, :shared] != other[:, :shared]).any(axis=0))) if shared else 0
+    place = place if shared and (one[:, place] != other[:, place]).any() else shared
+    case.findings.add(
+        "further",
+        "the words of axes beside X, Y and Z are not those of the original",
+        original=int(case.original.words.block[old[place]]) if place < old.size else None,
+        compensated=int(case.compensated.words.block[new[place]]) if place < new.size else None,
+        expected=_text(case.original, old, place),
+        got=_text(case.compensated, new, place),
+    )
+
+
+def _words_of(program: PartProgram) -> tuple[IntArray, Array]:
+    """Return the words up to the program's end, and of each its letter, its value and the mode of its line, (3, n)."""
+    words = program.words
+    own = np.isin(words.letter, [ord(letter) for letter in program.language.further])
+    rows = np.flatnonzero(own & (words.block <= program.breaks[-1].block))
+    absolute = np.array([modal.absolute for modal in program.modal])[program.state[words.block[rows]]]
+    return rows, np.array([words.letter[rows], np.nan_to_num(words.value[rows], nan=np.inf), absolute])
+
+
+def _text(program: PartProgram, rows: IntArray, place: int) -> str:
+    if place >= rows.size:
+        return "nothing more"
+    word = int(rows[place])
+    return program.data[program.words.start[word] : program.words.end[word]].decode("latin-1")
