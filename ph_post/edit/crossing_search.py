@@ -50,6 +50,7 @@ from ph_post.edit.reversals import (
     SIGN,
     motion_view,
 )
+from ph_post.gcode.further import further_lines
 from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, plane_columns
 from ph_post.simulate.controllers.run import planned_speeds, tolerances
@@ -182,6 +183,7 @@ class CrossingSearch:
         self._region_low = self._along[begins]
         self._region_high = self._along[np.append(begins[1:], self._region.size)]
         self._region_number = np.cumsum(np.diff(self._region, prepend=-2) != 0) - 1
+        self._kept_whole = program.language.bound is not None or bool(further_lines(program))
         self._divisible = np.array([self._may_divide(k) for k in range(program.motions.kind.size)], dtype=np.bool_)
         self._shapes = {name: self._shape(machine.axes[name]) for name in sides}
         self._push = min(axis.limits.acceleration for axis in machine.axes.values())
@@ -208,7 +210,7 @@ class CrossingSearch:
         kind = self._program.motions.kind[k]
         if kind in (RAPID, NURBS) or (kind == CUBIC and self._dialect.abilities.cubic is None):
             return False
-        return not why_kept_whole(self._program, k)
+        return not (self._kept_whole and why_kept_whole(self._program, k))
 
     def _shape(self, axis: Axis) -> CrossingShape:
         fastest = float(np.max(self._feed[self._program.motions.kind != RAPID], initial=0.0))

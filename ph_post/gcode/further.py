@@ -8,13 +8,14 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.gcode.program import PartProgram, PlaceArray
+from ph_post.gcode.program import PartProgram
+from ph_post.types import IntArray
 
 ROTARY: Final = "ABC"
 
 
 @lru_cache(maxsize=4)
-def further_words(program: PartProgram) -> PlaceArray:
+def further_words(program: PartProgram) -> IntArray:
     """Return the numbers of the words of the axes beside X, Y and Z that a program's language has."""
     return np.flatnonzero(np.isin(program.words.letter, [ord(letter) for letter in program.language.further]))
 
