@@ -19,7 +19,7 @@ def check_further(case: VerifyCase) -> None:
     place = int(np.argmax((one[:, :shared] != other[:, :shared]).any(axis=0))) if shared else 0
     place = place if shared and (one[:, place] != other[:, place]).any() else shared
     case.findings.add(
-        "further",
+        "command",
         "the words of axes beside X, Y and Z are not those of the original",
         original=int(case.original.words.block[old[place]]) if place < old.size else None,
         compensated=int(case.compensated.words.block[new[place]]) if place < new.size else None,
