@@ -29,7 +29,6 @@ from ph_post.files.path import path_of
 from ph_post.files.storage import SourceBytes, SourceText, decoded, is_program, or_shipped, read_raw
 from ph_post.gcode.paths import line_words, main_path
 from ph_post.gcode.program import PartProgram
-from ph_post.identify import logprogram
 from ph_post.progress import Progress, no_progress
 from ph_post.types import Axis, BacklashInterval, Log, Machine, Path
 
@@ -251,6 +250,8 @@ def read_log(
     ...     ph.read_log(file).period
     0.001
     """
+    from ph_post.identify import logprogram  # loads scipy.signal, slow: for logs alone
+
     drives = machine if isinstance(machine, Machine | None) else machinefile.read_machine(machine)
     if not isinstance(program, PartProgram | None):
         program = read_program_file(program, machine=drives)

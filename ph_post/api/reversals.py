@@ -95,19 +95,24 @@ def path_reversals(found: CompensatedProgram, path: ProgramPath, analysis: Analy
     return list(_of_path(found, path, analysis, _done(found.windows), changes))
 
 
-def _reach(motions: Motions, path: ProgramPath, points: Sequence[TurningPoint]) -> list[float]:
+def _reach(motions: Motions, path: ProgramPath, points: Sequence[TurningPoint]) -> Array:
     """Distances [m] from the turning points of a path within which its program may turn.
 
     A program of straight moves turns at the end of one of them.
     """
+    s = np.array([point.s for point in points])
     length = np.where(motions.kind[path.motion] == LINE, np.diff(path.s), 0.0)
-    row = np.searchsorted(path.motion, path.to_motions(np.array([point.s for point in points]))[0])
+    row = np.searchsorted(path.motion, path.to_motions(s)[0])
     near = [float(length[max(k - 1, 0) : k + 2].max(initial=0.0)) for k in row.tolist()]
-    found = []
-    for point, most in zip(points, near, strict=True):
-        apart = (abs(one.s - point.s) for one in points if one.axis == point.axis and one is not point)
-        found.append(min(most, 0.5 * min(apart, default=np.inf)))
-    return found
+    apart = np.full(len(points), np.inf)
+    axes = np.array([point.axis for point in points])
+    for axis in set(axes.tolist()):
+        own = np.flatnonzero(axes == axis)
+        own = own[np.argsort(s[own], kind="stable")]
+        between = np.diff(s[own])
+        apart[own[:-1]] = between
+        apart[own[1:]] = np.minimum(apart[own[1:]], between)
+    return np.asarray(np.minimum(np.array(near), 0.5 * apart))
 
 
 def _done(plans: Sequence[WindowPlan]) -> dict[Place, ReversalEdit]:
@@ -247,7 +252,7 @@ def _shifted(
     path: ProgramPath,
     points: tuple[TurningPoint, ...],
     places: Sequence[Place],
-    reach: Sequence[float],
+    reach: Array,
 ) -> list[bool]:
     """Mask of the turning points at which the lasting offset of the axis that turns changes.
 

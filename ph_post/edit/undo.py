@@ -163,8 +163,8 @@ class _Restorer:
         """Return the words of some lines, of which the first is line `first` of the program."""
         assert self._words is not None
         words = self._words
-        low, high = np.searchsorted(words.block, np.array([first, first + lines.size - 1], dtype=words.block.dtype))
-        part = take(words, np.arange(int(low), int(high)))
+        rows = words.rows(first, first + lines.size - 1)
+        part = take(words, np.arange(rows.start, rows.stop))
         shift = lines[part.block - first] - self._lines[part.block]
         return replace(part, block=part.block - np.int32(first), start=part.start + shift, end=part.end + shift)
 

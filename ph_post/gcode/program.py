@@ -200,6 +200,11 @@ class WordTable(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     digits: IntArray
     decimals: NDArray[np.int16]
 
+    def rows(self, first: int, last: int) -> slice:
+        """Return the rows of the words of the lines from `first` to before `last`."""
+        low, high = np.searchsorted(self.block, np.array([first, last], dtype=self.block.dtype))
+        return slice(int(low), int(high))
+
 
 class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The motions of a program that are understood, m of them, in order. SI units.
@@ -327,14 +332,16 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Return the modal state after a line; -1 is before the first."""
         return self.modal[self.state[block]] if block >= 0 else Modal()
 
-    def dwells(self) -> tuple[PlaceArray, Array]:
-        """Return the lines of all G4, and their times [s], NaN where the time is no plain number."""
-        words = self.words
-        seconds = np.full(self.blocks, np.nan)
-        rows, times = self.language.dwells(words.letter, words.value)
-        seconds[words.block[rows]] = times
-        lines = words.block[(words.letter == ord("G")) & (words.value == 4.0)]
-        return lines, seconds[lines]
+    def dwells(self, first: int = 0, last: int | None = None) -> tuple[PlaceArray, Array]:
+        """Return the lines of all G4 from `first` to before `last`, and their times [s], NaN where no plain number."""
+        last = self.blocks if last is None else last
+        rows = self.words.rows(first, last)
+        block, letter, value = self.words.block[rows], self.words.letter[rows], self.words.value[rows]
+        seconds = np.full(last - first, np.nan)
+        timed, times = self.language.dwells(letter, value)
+        seconds[block[timed] - first] = times
+        lines = block[(letter == ord("G")) & (value == 4.0)]
+        return lines, seconds[lines - first]
 
     def absolute_centres(self) -> BoolArray:
         """Return true for each line on which the centre of an arc is a place, shape (n,)."""

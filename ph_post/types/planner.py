@@ -5,10 +5,12 @@ A dialect has a planner with the defaults of its firmware; a machine file states
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import msgspec
+import numpy as np
+
+from ph_post.types.arrays import Array
 
 _ROUNDING: Final = 1e-6
 """A time that is longer than whole steps by no more than this part of one is rounding."""
@@ -126,7 +128,7 @@ class ExactPath(msgspec.Struct, frozen=True, kw_only=True):
     least_feed: float = 0.0
     dwell_step: float = 0.0
 
-    def dwell(self, seconds: float) -> float:
+    def dwell(self, seconds: Array) -> Array:
         """Return how long the controller waits [s] where a program says `seconds`."""
         return rounded_up(seconds, self.dwell_step)
 
@@ -141,7 +143,7 @@ class RoundedPath(msgspec.Struct, frozen=True, kw_only=True):
     tolerance: float = 0.0
     dwell_step: float = 0.0
 
-    def dwell(self, seconds: float) -> float:
+    def dwell(self, seconds: Array) -> Array:
         """Return how long the controller waits [s] where a program says `seconds`."""
         return rounded_up(seconds, self.dwell_step)
 
@@ -149,12 +151,13 @@ class RoundedPath(msgspec.Struct, frozen=True, kw_only=True):
 ControllerPlanner = ExactPath | RoundedPath
 
 
-def rounded_up(seconds: float, step: float) -> float:
-    """Round a time [s] up to whole steps [s]; a step of 0 leaves it as it is.
+def rounded_up(seconds: Array, step: float) -> Array:
+    """Round times [s] up to whole steps [s]; a step of 0 leaves them as they are.
 
     Examples
     --------
-    >>> rounded_up(0.02, 0.05), rounded_up(0.1, 0.05), rounded_up(0.02, 0.0)
-    (0.05, 0.1, 0.02)
+    >>> times = np.array([0.02, 0.1])
+    >>> rounded_up(times, 0.05).tolist(), rounded_up(times, 0.0).tolist()
+    ([0.05, 0.1], [0.02, 0.1])
     """
-    return step * math.ceil(seconds / step - _ROUNDING) if step > 0.0 else seconds
+    return step * np.maximum(np.ceil(seconds / step - _ROUNDING), 0.0) if step > 0.0 else seconds

@@ -50,16 +50,11 @@ def _spans(case: VerifyCase, change: int) -> tuple[tuple[PartProgram, int, int],
     )
 
 
-def _words_in(program: PartProgram, first: int, last: int) -> slice:
-    low, high = np.searchsorted(program.words.block, np.array([first, last], dtype=program.words.block.dtype))
-    return slice(int(low), int(high))
-
-
 def _check_letters(case: VerifyCase, change: int) -> None:
     """Check that nothing but places and feeds is added to what the replaced lines say."""
     (one, *old), (other, *new) = _spans(case, change)
-    there = set(_OWN) | set(one.words.letter[_words_in(one, old[0], old[1])].tolist())
-    rows = _words_in(other, new[0], new[1])
+    there = set(_OWN) | set(one.words.letter[one.words.rows(old[0], old[1])].tolist())
+    rows = other.words.rows(new[0], new[1])
     for word in range(rows.start, rows.stop):
         if int(other.words.letter[word]) not in there:
             text = other.data[other.words.start[word] : other.words.end[word]].decode("latin-1")
@@ -165,17 +160,16 @@ def _check_commands(case: VerifyCase, own: _Places, change: int) -> None:
 
 def _commands_of(program: PartProgram, first: int, last: int) -> list[tuple[str, float, int]]:
     """Commands of some lines, in order: letter, value and line; of dwells the time [s]."""
-    rows, words = _words_in(program, first, last), program.words
+    rows, words = program.words.rows(first, last), program.words
     wanted = np.isin(words.letter[rows], np.frombuffer(_COMMANDS, dtype=np.uint8))
     found = [
         (chr(int(words.letter[word])), float(np.nan_to_num(words.value[word])), int(words.block[word]))
         for word in (rows.start + np.flatnonzero(wanted)).tolist()
     ]
-    blocks, times = program.dwells()
-    inside = (blocks >= first) & (blocks < last)
+    blocks, times = program.dwells(first, last)
     found += [
         ("G", float(np.nan_to_num(time)), int(block))
-        for block, time in zip(blocks[inside].tolist(), times[inside].tolist(), strict=True)
+        for block, time in zip(blocks.tolist(), times.tolist(), strict=True)
     ]
     return sorted(found, key=lambda one: one[2])
 

@@ -410,6 +410,18 @@ def test_help_page_imports_nothing_slow():
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+def test_a_program_is_compensated_without_what_logs_need():
+    # scipy.signal and scipy.stats take longer to load than a short program to compensate.
+    words = ["convert", str(ROOT / "samples" / "programs" / "pocket_grbl.ngc"), "-m", "stepper", "-o", "-"]
+    code = (
+        f"import sys; from ph_post.cli.main import main; assert main({words!r}) == 0; "
+        "slow = ('scipy.signal', 'scipy.stats', 'sympy', 'matplotlib'); "
+        "print([name for name in slow if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
 def test_progress_speaks_only_after_a_second(capsys):
     from ph_post.cli.progress import ProgressPrinter
 

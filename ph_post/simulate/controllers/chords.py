@@ -256,8 +256,7 @@ def _rests(legs: Legs, row: IntArray, planner: ExactPath) -> tuple[Array, Array]
     owner = np.searchsorted(row[begins], np.arange(legs.length.size))
     inside = owner < begins.size
     pause, drains = np.zeros(row.size), np.zeros(row.size)
-    waits = np.array([planner.dwell(seconds) for seconds in legs.pause])
-    np.add.at(pause, begins[owner[inside]], waits[inside])
+    np.add.at(pause, begins[owner[inside]], planner.dwell(legs.pause)[inside])
     np.maximum.at(drains, begins[owner[inside]], legs.drains[inside])
     drains[:1], pause[:1] = 1.0, 0.0
     return pause, drains

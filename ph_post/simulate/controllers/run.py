@@ -148,7 +148,7 @@ def moves_of(program: PartProgram, limits: Array, planner: RoundedPath | None = 
     legs = programmed(program, limits)
     if planner is not None:
         legs.tolerance[:] = tolerances(program, planner.tolerance)[legs.motion.astype(np.int64)]
-        legs.pause[:] = [planner.dwell(seconds) for seconds in legs.pause]
+        legs.pause[:] = planner.dwell(legs.pause)
     return _with_length(_linked(legs, program, limits, 0.0 if planner is None else planner.tolerance))
 
 
