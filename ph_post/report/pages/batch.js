@@ -1,6 +1,7 @@
 // A batch: how many programs, what they gain together, and a row each.
 const ROWS = D.rows, STATES = ["compensated", "unchanged", "refused", "failed"].filter(s => ROWS.some(r => r.status === s));
 const middle = values => { const v = values.filter(x => x !== null).sort((a, b) => a - b); return v.length ? v[v.length >> 1] : null; };
+const span = s => s < 100 ? `${num(s, 1)} s` : s < 6000 ? `${num(s / 60, 1)} min` : `${num(s / 3600, 1)} h`;
 const total = values => values.reduce((sum, v) => sum + (v || 0), 0);
 {
   const left = D.missing ? ` · ${D.missing} still to come` : "";
@@ -15,8 +16,8 @@ const total = values => values.reduce((sum, v) => sum + (v || 0), 0);
   const done = total(ROWS.map(r => r.reversals[0])), all = total(ROWS.map(r => r.reversals[1]));
   tile("Backlash error, µm", [micrometres(middle(both.map(r => r.before))), micrometres(middle(both.map(r => r.after)))], "median of the largest errors");
   tile("Reversals compensated", [all ? `${few(100 * done / all)} %` : "–"], `${done} of ${all}`);
-  tile("Time on the machines, min", [0, 1].map(n => num(total(timed.map(r => r.time[n])) / 60, 1)), `of ${timed.length} programs`);
-  tile("Work", [`${few(total(ROWS.map(r => r.seconds)) / 60)} min`], "of all workers together");
+  tile("Time on the machines", [0, 1].map(n => span(total(timed.map(r => r.time[n])))), `of ${timed.length} programs`);
+  tile("Work", [span(total(ROWS.map(r => r.seconds)))], "of all workers together");
   main.append(tiles);
 }
 {
