@@ -390,7 +390,9 @@ def plan_trapezoids(blocks: StraightBlocks, planner: ExactPath, limits: Array) -
     return Trapezoids(square, times, begins, float(begins[-1] + taken[-1]) if taken.size else 0.0)
 
 
-def _meet_turns(blocks: StraightBlocks, begins: Array, period: float, way: Array, block: IntArray) -> None:
+def _meet_turns(
+    blocks: StraightBlocks, begins: Array, period: float, way: Array, block: IntArray, position: Array
+) -> None:
     """Move the rows next to where an axis turns back between two blocks onto these places.
 
     Motors come there, and carry their tables along; between two rows it would not show.
@@ -398,7 +400,7 @@ def _meet_turns(blocks: StraightBlocks, begins: Array, period: float, way: Array
     turns = 1 + np.flatnonzero((blocks.unit[1:] * blocks.unit[:-1] < 0.0).any(axis=1) & (blocks.joined[1:] > 0))
     row = np.rint(begins[turns] / period).astype(np.int64)
     inside = (row > 0) & (row < way.size - 1)
-    way[row[inside]], block[row[inside]] = 0.0, turns[inside]
+    way[row[inside]], block[row[inside]], position[row[inside]] = 0.0, turns[inside], blocks.start[turns[inside]]
 
 
 def exact_rows(
@@ -427,13 +429,14 @@ def exact_rows(
     count = math.ceil(plan.total / period - ROUNDING) + 1
     way, block = np.empty(count), np.empty(count, dtype=np.int64)
     sample(plan.square, plan.times, blocks.push, blocks.length, plan.begins, period, way, block)
-    steps = steps_of(_positions(blocks, way, block))
+    position = _positions(blocks, way, block)
+    steps = steps_of(position)
     if meet_turns:
-        _meet_turns(blocks, plan.begins, period, way, block)
+        _meet_turns(blocks, plan.begins, period, way, block, position)
     share = blocks.share0[block] + way / blocks.length[block] * (blocks.share1[block] - blocks.share0[block])
     motion = blocks.motion[block]
     motion[0], share[0], share[-1] = -1, 0.0, blocks.share1[-1]
-    return _positions(blocks, way, block), motion, share, steps
+    return position, motion, share, steps
 
 
 def _positions(blocks: StraightBlocks, way: Array, block: IntArray) -> Array:
