@@ -7,7 +7,7 @@ from row to row, and the distance is taken to the stretch of path a little befor
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import msgspec
@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from ph_post.drive.axes import gaps_of
 from ph_post.drive.cascade import response_time
 from ph_post.errors import InputError
-from ph_post.gcode.program import AXES, LINE, RAPID, PartProgram, plane_columns
+from ph_post.gcode.program import AXES, RAPID, PartProgram, plane_columns
 from ph_post.gcode.working import working_motions
 from ph_post.geometry.closest import (
     EXTENT,
@@ -36,6 +36,7 @@ from ph_post.geometry.closest import (
 )
 from ph_post.simulate.assess import AlikeRows, is_nominal, resting_axes, run_scenarios, scenarios
 from ph_post.simulate.contour import ContourError, contour_error, settling_time
+from ph_post.simulate.controllers.counterparts import Counterparts, approaches, counterparts
 from ph_post.simulate.controllers.legs import Legs
 from ph_post.simulate.controllers.run import limit_table, programmed
 from ph_post.simulate.controllers.unknown import known_rows, rows_before
@@ -64,10 +65,6 @@ WIDE: Final = 0.02
 
 BEGINS: Final = 20e-6
 """A cut has begun farther than this [m] behind a rapid: controllers blend it with what comes before."""
-
-
-APPROACH: Final = 3.0
-"""A move of one axis behind a rapid by at most so many of its gaps only brings it onto its side of the backlash."""
 
 
 class ProgramError(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -119,10 +116,24 @@ class CutPath:
         self._works = working_motions(program, machine.tool).on
         self.program = program
 
-    def follow(self, command: Command) -> tuple[IntArray, Array]:
-        """Leg of every row of a command, and its place along the program [m]."""
+    def follow(self, command: Command, known: Counterparts | None = None) -> tuple[IntArray, Array]:
+        """Leg of every row of a command, and its place along the program [m].
+
+        Where it is `known` what the motions stand for that its `segment` numbers, none loses its place: in a sharp
+        corner, where the command is shifted, the way back may be as near as the way on.
+        """
         position = self.in_space(command.axes, command.position)
-        return follow_path(self._pieces, self.starts, position, self._reach(command.axes, command.position), WIDE)
+        reach = self._reach(command.axes, command.position)
+        low, high = np.zeros(len(position)), np.full(len(position), self.starts[-1])
+        if known is not None:
+            motion, of_legs = np.maximum(command.segment, 0), self.legs.motion
+            # Where a corner is rounded, a motion ends on the next one that goes anywhere.
+            first, end = (np.searchsorted(of_legs, one[motion]) for one in (known.first, known.end))
+            after = np.searchsorted(of_legs, of_legs[np.minimum(end, of_legs.size - 1)], side="right")
+            # A row may be the last of a motion, or the first of the next.
+            beyond = reach + np.diff(command.s, prepend=0.0)
+            low, high = self.starts[first] - beyond, np.maximum(self.starts[first], self.starts[after]) + beyond
+        return follow_path(self._pieces, self.starts, position, low, high, reach, WIDE)
 
     def closest_on_motions(self, position: Array, place: Array, first: IntArray, end: IntArray) -> Array:
         """Return the places (n,) along the program [m] where motions of it are closest to positions (n, 3) [m].
@@ -134,13 +145,9 @@ class CutPath:
         low, high = (np.searchsorted(of_legs, motion) for motion in (first, end))
         return closest_on(self._pieces, self.starts, position, place, low, high)[1]
 
-    def turns_in_air(self, program: PartProgram, command: Command) -> IntArray:
-        """Count for each motion (m,) of a program how often the tool came into the air or left it before."""
-        air = (program.motions.kind == RAPID) | _approaches(program, self._gaps_by_name(command))
-        # What goes nowhere belongs to what comes before.
-        still = (program.motions.start == program.motions.end).all(axis=1) & (program.motions.kind <= LINE)
-        before = np.maximum.accumulate(np.where(still, 0, np.arange(still.size)))
-        return np.asarray(np.cumsum(np.diff(air[before], prepend=True) != 0))
+    def counterparts(self, program: PartProgram, command: Command) -> Counterparts | None:
+        """Return which motions of this program those of another stand for that moves a command."""
+        return counterparts(program, self.program, self._gaps_by_name(command))
 
     def _gaps_by_name(self, command: Command) -> dict[str, float]:
         return dict(zip(command.axes, self.gaps(command).tolist(), strict=True))
@@ -172,7 +179,7 @@ class CutPath:
             number = np.maximum(command.segment, 0)
             gaps = self._gaps_by_name(command)
             works = working_motions(moved_by, self._machine.tool).on & (moved_by.motions.kind != RAPID)
-            cuts &= works[number] & ~_approaches(moved_by, gaps)[number]
+            cuts &= works[number] & ~approaches(moved_by, gaps)[number]
         return np.asarray(cuts)
 
     def command_distance(self, command: Command, place: Array) -> Array:
@@ -227,34 +234,13 @@ class CutPath:
         return full
 
 
-def _approaches(program: PartProgram, gaps: Mapping[str, float]) -> BoolArray:
-    """Mask of the motions (m,) that bring an axis onto its side of the backlash behind a rapid.
-
-    They are in the air: straight moves of one axis alone, by little more than its gap [m], at most twice an axis.
-    """
-    motions = program.motions
-    unknown = np.isnan(motions.start) & np.isnan(motions.end)
-    way = np.where(unknown, 0.0, np.nan_to_num(np.abs(motions.end - motions.start), nan=np.inf))
-    width = APPROACH * np.array([gaps.get(name, 0.0) for name in AXES])
-    short = (motions.kind == LINE) & (np.count_nonzero(way, axis=1) == 1) & (way <= width).all(axis=1)
-    found = np.zeros(motions.kind.size, dtype=np.bool_)
-    for rapid in np.flatnonzero(motions.kind == RAPID).tolist():
-        moved = [0] * len(AXES)
-        for k in range(rapid + 1, motions.kind.size):
-            axis = int(way[k].argmax())
-            if not short[k] or moved[axis] == 2:
-                break
-            found[k], moved[axis] = True, moved[axis] + 1
-    return found
-
-
 class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A command beside the path of a program: where it is in every row, and whether the error counts there.
 
     `command` has the axes that move. `motion` is the number of the program's motion that every row belongs to,
     `place` how far along the program [m], `counted` the rows of :class:`ProgramError`. `moved_by` is the program that
-    made the command, None where its `segment` does not number motions of that. `runs` are those of the command,
-    `distances` those of their tables from the path.
+    made the command, None where its `segment` does not number motions of that; `known` is what these stand for. `runs`
+    are those of the command, `distances` those of their tables from the path.
     """
 
     command: Command
@@ -264,6 +250,7 @@ class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     place: Array
     counted: BoolArray
     moved_by: PartProgram | None = None
+    known: Counterparts | None = None
     runs: Runs
     distances: AlikeRows
 
@@ -288,7 +275,8 @@ def follow_cut(
     """Follow a command along the path of a program; parameters as of :func:`program_error`."""
     command = moving_axes(command)
     path = CutPath(program, machine)
-    leg, place = path.follow(command)
+    known = None if moved_by is None else path.counterparts(moved_by, command)
+    leg, place = path.follow(command, known)
     motion, cuts = path.legs.motion[leg].astype(np.int64), path.cuts(leg, place, command, moved_by)
     counted = cuts & (command.t >= settling_time(machine, command.axes))
     counted &= known_rows(program, motion, command.position, cuts, path.gaps(command))
@@ -303,6 +291,7 @@ def follow_cut(
         place=place,
         counted=counted,
         moved_by=moved_by,
+        known=known,
         runs=Runs(command, machine),
         distances=AlikeRows(lambda table, rows: path.closest_to(command.axes, table, place[rows], reach[rows])[0]),
     )

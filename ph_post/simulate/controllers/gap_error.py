@@ -9,7 +9,6 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compiling import compiled
-from ph_post.dialects.declaration import line_origins
 from ph_post.gcode.program import AXES, PartProgram
 from ph_post.geometry.bands import Band
 from ph_post.simulate.assess import AlikeRows, run_scenarios
@@ -95,35 +94,22 @@ def _without_offsets(cut: FollowedCut, plain: FollowedCut) -> tuple[Command, Com
     A line that is not changed carries what it begins and ends with. In a changed stretch a crossing leaves the path:
     there they are the original's way and the path, both next to the command.
     """
-    program, path, command = cut.moved_by, cut.path, cut.command
-    original = path.program
-    origins = None if program is None else line_origins(program, original)
-    if program is None or origins is None:
+    program, path, command, known = cut.moved_by, cut.path, cut.command, cut.known
+    if program is None or known is None:
         return None
-    blocks, theirs = program.motions.block, original.motions.block
-    if (np.diff(blocks) < 0).any() or (np.diff(theirs) < 0).any():
-        return None
-    turn, turns = (path.turns_in_air(one, command) for one in (program, original))
-    if turn[-1] != turns[-1]:
-        turn, turns = np.zeros_like(turn), np.zeros_like(turns)
-    # Motions that stand for the same lines, in the air or not, are one stretch, and so is what is added between two.
-    known = np.stack([origins.first[blocks], origins.end[blocks], turn], axis=1)
-    stretch = np.cumsum((np.diff(known, axis=0, prepend=-1) != 0).any(axis=1)) - 1
-    last = np.flatnonzero(np.diff(stretch, append=-1))
-    done = np.minimum(np.searchsorted(theirs, known[last, 1]), np.searchsorted(turns, known[last, 2], side="right"))
-    offset = _ends(program, last + 1) - _ends(original, done)
+    last = np.flatnonzero(np.diff(known.stretch, append=-1))
+    offset = _ends(program, last + 1) - _ends(path.program, known.end[last])
     offset = np.concatenate([np.zeros((1, len(AXES))), np.nan_to_num(offset)])
     motion = np.maximum(command.segment, 0)
-    own = np.maximum.accumulate(stretch[motion])
+    own = np.maximum.accumulate(known.stretch[motion])
     full = path.in_space(command.axes, command.position)
     way = _way_along(full)
     begin, end = (way[np.clip(np.searchsorted(own, own, side=side) - 1, 0, own.size - 1)] for side in ("left", "right"))
     share = np.divide(way - begin, end - begin, out=np.ones_like(way), where=end > begin)[:, None]
     free = full - (1.0 - share) * offset[own] - share * offset[own + 1]
-    low = np.maximum(np.searchsorted(theirs, known[:, 0]), np.searchsorted(turns, known[:, 2]))
-    high = np.minimum(np.searchsorted(theirs, known[:, 1]), np.searchsorted(turns, known[:, 2], side="right"))
-    place = path.closest_on_motions(free, cut.place, low[motion], np.maximum(low, high)[motion])
-    changed = origins.changed[blocks[motion]]
+    low, high = known.first[motion], known.end[motion]
+    place = path.closest_on_motions(free, cut.place, low, np.maximum(low, high))
+    changed = known.changed[motion]
     free[changed] = _at_rows(_way_of(plain), _rows_at(np.maximum.accumulate(plain.place), place[changed]))
     columns = [AXES.index(name) for name in command.axes]
     return (

@@ -1,0 +1,62 @@
+"""Which motions of its original a program's motions stand for, and that none loses its place beside them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+import ph_post as ph
+from ph_post.gcode.read import read_program
+from ph_post.simulate.controllers.counterparts import counterparts
+from ph_post.types import Gap, Limits, Servo
+
+LIMITS = {"X": (0.1, 1.34), "Y": (0.06, 0.46), "Z": (0.1, 0.81)}
+BACK = "G21 G90 G17 G94\n{}\nG0 X10.975 Y-15.848 Z5\nX-2.106 Y13.09\nG1 Z-0.5 F120\nX2 F600\nG0 Z5\nM2\n"
+
+
+@pytest.mark.parametrize("mode", ["G61", "G64 P0.02"])
+def test_no_cut_is_lost_behind_a_rapid_that_goes_back_beside_itself(mode: str, tmp_path: Path) -> None:
+    """Shifted by a backlash in Z, the way on is 20 degrees from the way back, and no nearer."""
+    machine = ph.read_machine("router")
+    axes = {
+        name: replace(
+            axis,
+            feedback="none",
+            servo=Servo(b=0.0, c=0.0),
+            gap=Gap(lost_motion=44e-6 if name == "Z" else 0.0, initial_flank="-"),
+            limits=Limits(velocity=LIMITS[name][0], acceleration=LIMITS[name][1], jerk=100.0),
+            reference_direction="+",
+        )
+        for name, axis in machine.axes.items()
+    }
+    file = tmp_path / "part.ngc"
+    file.write_text(BACK.format(mode), encoding="utf-8")
+    found = ph.compensate(file, replace(machine, axes=axes, dialect="linuxcnc"), max_slowdown=0.1)
+    assert b"Z approach" in found.program()
+    for one in (found.before, found.after):
+        seconds = np.count_nonzero(one.cut.counted) * machine.servo_period
+        assert seconds == pytest.approx(5.5 / 2.0 + 4.106 / 10.0, abs=0.05)
+
+
+def test_motions_stand_for_those_of_the_lines_that_they_are_in() -> None:
+    """A rapid and an approach in place of a rapid, a line as it was, two in place of one, one that was added."""
+    original = read_program(b"G21 G90\nG0 X5 Y5\nG1 X10 F600\nX20\nY10\nM2\n", "part.ngc")
+    text = (
+        f"(ph-post 0.2.0 compensated this program)\n(ph-post: original sha256 {original.digest})\n"
+        "(ph-post: machine bench, sha256 0)\n(ph-post: options sha256 0)\n(ph-post: offset X 0.02 mm)\n"
+        "(ph-post: 0 stops, 0 dips)\n(ph-post: dwell 0 s, decimals 4, chord tolerance 0.001 mm, block time 5 ms)\n"
+        "G21 G90\n(ph-post: +2 -1 X approach)\nG0 X5.06 Y5\nG1 X5.02 F300\nG1 X10.02 F600\n"
+        "(ph-post: +2 -1 crossing X-)\nX15.02\nX19.98\nY10\n(ph-post: +1 -0 X to 0)\nG1 X20\nM2\n"
+    )
+    found = counterparts(read_program(text.encode(), "part.ngc"), original, {"X": 40e-6})
+    assert found is not None
+    # The approach is in the air, with the rapid.
+    assert found.first.tolist() == [0, 0, 1, 2, 2, 3, 4]
+    assert found.end.tolist() == [1, 1, 2, 3, 3, 4, 4]
+    assert found.stretch.tolist() == [0, 0, 1, 2, 2, 3, 4]
+    assert found.changed.tolist() == [True, True, False, True, True, False, True]
+    assert counterparts(original, read_program(b"G0 X1\n", "other.ngc"), {}) is None
+    assert counterparts(original, original, {}).end.tolist() == [1, 2, 3, 4]  # type: ignore[union-attr]
