@@ -356,7 +356,7 @@ def settings_of(source: str) -> Settings:
         Where there are none in the file.
     """
     from ph_post.files.storage import read_source
-    from ph_post.identify.newmachine import controller_settings
+    from ph_post.identify.settings import controller_settings
 
     found = controller_settings(read_source(source))
     settings = {

@@ -118,8 +118,9 @@ def halsampler_lines(machine: Machine, axes: Sequence[str], seconds: float, name
     work offset. Where a gauge is read only the person who wired it knows: its pin is a word in capitals.
     """
     pins = _pins(machine, axes, gauge)
+    blind = [axis for axis in axes if machine.axes[axis].loop.own_channel == "motor"]
     depth, rows = (round(span / machine.servo_period) for span in (STORE, seconds + MARGIN))
-    return [
+    lines = [
         "halcmd unloadrt sampler || true",
         f"halcmd loadrt sampler depth={depth} cfg={'f' * len(pins)}",
         "halcmd addf sampler.0 servo-thread",
@@ -129,6 +130,13 @@ def halsampler_lines(machine: Machine, axes: Sequence[str], seconds: float, name
         # The sample's number is the first column.
         READ_WITH + " ".join(f"--column {column}={k}:mm" for k, (column, _) in enumerate(pins, 2)),
     ]
+    if blind:
+        lines.insert(
+            -1,
+            f"where nothing reads the table of {' or '.join(blind)}, leave out the net of its gauge and its --column:"
+            " the log shows the drive, and a dial indicator the backlash (ph-post calibrate --without-log)",
+        )
+    return lines
 
 
 def _signal(column: str, pin: str) -> str:
@@ -138,18 +146,18 @@ def _signal(column: str, pin: str) -> str:
 
 
 def _pins(machine: Machine, axes: Sequence[str], gauge: bool) -> list[tuple[str, str]]:
-    """Columns of LinuxCNC's log, and where in HAL they come from."""
+    """Columns of LinuxCNC's log, and where in HAL they come from: gauges last, which a person may have to leave out."""
     known = [axis for axis in AXES if axis in machine.axes]
-    pins = []
+    pins, gauges = [], []
     for axis in axes:
         joint = f"joint.{known.index(axis)}"
         own = machine.axes[axis].loop.own_channel
         pins.append((f"{axis}_cmd", f"{joint}.pos-cmd"))
         if own == "motor" or (own == "act" and not gauge):
             pins.append((f"{axis}_{own}", f"{joint}.pos-fb"))
-        if own is None or (gauge and own == "act"):
-            pins.append((f"{axis}_act", f"PIN_OF_THE_{axis}_GAUGE"))
-    return pins
+        if own != "act" or gauge:
+            gauges.append((f"{axis}_act", f"PIN_OF_THE_{axis}_GAUGE"))
+    return [*pins, *gauges]
 
 
 DIALECT = Dialect(

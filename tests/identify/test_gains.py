@@ -95,6 +95,37 @@ def test_pid_of_a_hal_file(tmp_path: Path) -> None:
     assert "control.velocity_gain_per_s" in made.assumed["X"]
 
 
+VELOCITY_TOO = """
+setp pid.x.Pgain 35
+setp drive.x.Pgain 250
+setp drive.x.Igain 9000
+setp pid.0.Pgain 20
+net x-wanted joint.0.motor-pos-cmd
+net x-wanted => pid.x.command
+net speed pid.x.output => drive.x.command
+net y-wanted joint.1.motor-pos-cmd => pid.0.command
+"""
+
+
+def test_pid_is_that_which_the_joint_commands(tmp_path: Path) -> None:
+    hal = tmp_path / "mill.hal"
+    hal.write_text(VELOCITY_TOO)
+    made, notes = written(hal)
+    gains = [axis.servo.cascade for axis in made.machine.axes.values()]
+    assert [None if one is None else one.position_gain for one in gains] == [35.0, 20.0, None]
+    assert not notes
+
+
+def test_two_pids_of_one_axis(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hal = tmp_path / "mill.hal"
+    hal.write_text("setp pid.x.Pgain 35\nsetp drive.x.Pgain 250\n")
+    assert main(["machine", "new", "--yes", "--settings", str(hal)]) == 2
+    assert capsys.readouterr().err == (
+        f"ph-post: {hal}: two pids of X, pid.x and drive.x; expected a net from joint.0.motor-pos-cmd to the command"
+        " of one of them\n"
+    )
+
+
 def test_gains_that_stand_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hal = tmp_path / "mill.hal"
     hal.write_text("setp pid.x.Pgain [JOINT_0]P\n")

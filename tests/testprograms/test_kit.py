@@ -280,10 +280,14 @@ def test_records_name_channels_and_the_lines_of_halsampler() -> None:
     assert "X_cmd, Y_cmd [mm]" in record[1]
     assert any(line.startswith("X_motor") and "own encoder" in line for line in record)
     assert "halcmd net kit-y-motor joint.1.pos-fb sampler.0.pin.3" in record
-    assert "halcmd loadrt sampler depth=10000 cfg=ffff" in record
+    assert "halcmd net kit-x-gauge PIN_OF_THE_X_GAUGE sampler.0.pin.4" in record
+    assert "halcmd loadrt sampler depth=10000 cfg=ffffff" in record
+    assert any(line.startswith("where nothing reads the table of X or Y, leave out") for line in record)
     # They are typed into a shell, to which an arrow of HAL is a file to write.
     assert not any(set(line) & set("<>") for line in record if line.startswith(("halcmd", "halsampler")))
-    assert record[-1].endswith("--column X_cmd=2:mm --column X_motor=3:mm --column Y_cmd=4:mm --column Y_motor=5:mm")
+    assert record[-1].endswith(
+        "--column X_motor=3:mm --column Y_cmd=4:mm --column Y_motor=5:mm --column X_act=6:mm --column Y_act=7:mm"
+    )
     speed = kit["speed_x"].record
     assert any(line.startswith("X_force") and line.endswith("needed") for line in speed)
     assert not any("Y_" in line for line in speed)
