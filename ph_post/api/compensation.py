@@ -85,6 +85,7 @@ def compensate(
     parameters: Source | None = None,
     tool_table: Source | None = None,
     controller_units: Literal["mm", "inch"] = "mm",
+    peck_clearance: float | None = None,
     progress: Progress = no_progress,
 ) -> Compensation:
     """Compensate a path or a part program for the backlash of a machine.
@@ -172,6 +173,8 @@ def compensate(
         The controller's table of tools, for cutter compensation by G41 and G42.
     controller_units : "mm" or "inch"
         Units of the controller's files.
+    peck_clearance : float, optional
+        How far G73 and G83 back off [m] on a control of Fanuc, as its parameters 5114 and 5115 say.
     progress : callable, optional
         Called with the name of every stage.
 
@@ -236,6 +239,7 @@ def compensate(
         parameters=parameters,
         tool_table=tool_table,
         controller_units=controller_units,
+        peck_clearance=peck_clearance,
     )
     return compensated(job, machine, options, output, progress)
 

@@ -11,11 +11,13 @@ from ph_post.dialects.declaration import read_declaration
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
 from ph_post.expand.expand import ExpandError, Expansion, Folders, expand
+from ph_post.expand.macro import FanucNumbers
 from ph_post.expand.tools import ToolShape, tools_of_table
 from ph_post.expand.writing import Written, is_written_out, read_written
 from ph_post.files.storage import SourceBytes, read_source
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
+from ph_post.units import MM
 
 _SPOKEN: Final = ("linuxcnc", "grbl", "grblhal")
 """Dialects whose programs are written out as LinuxCNC would run them."""
@@ -55,13 +57,19 @@ def expanded_job(
         return job, (f"{job.name}: not written out: programs of {dialect} are taken as they are",)
     folders = Folders(_folders(job.name, options.subprograms))
     try:
-        decimals = None if base != "fanuc" else 4 if "isc" in dialect else 3
+        fanuc = None
+        if base == "fanuc":
+            fanuc = FanucNumbers(
+                decimals=4 if "isc" in dialect else 3,
+                calculator="calculator" in dialect,
+                clearance=None if options.peck_clearance is None else options.peck_clearance / MM,
+            )
         inches = options.controller_units == "inch"
         found = expand(
             job.data,
             job.name,
             folders,
-            fanuc_decimals=decimals,
+            fanuc=fanuc,
             parameters=parameters,
             tools=tools,
             inches=inches,
@@ -158,7 +166,7 @@ def _again(original: PartProgram, kept: Written) -> bytes:
         original.data,
         original.name,
         folders,
-        fanuc_decimals=kept.fanuc_decimals,
+        fanuc=kept.fanuc,
         parameters=kept.parameters,
         tools=kept.tools,
         inches=kept.inches,

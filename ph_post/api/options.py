@@ -20,12 +20,13 @@ from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE, FeedMode, ProgramO
 _NUMBERS = (
     *("tolerance", "feed", "ratio", "t_star", "min_feed", "max_slowdown", "max_standstill"),
     *("effort", "chord_tolerance", "block_time", "safe_z", "depth", "overshoot", "corner_tolerance"),
+    "peck_clearance",
 )
 """Options that are numbers."""
 
 _RANGES = {
     **dict.fromkeys(("tolerance", "feed", "t_star", "min_feed"), (0.0, True, math.inf)),
-    **dict.fromkeys(("chord_tolerance", "block_time", "overshoot"), (0.0, True, math.inf)),
+    **dict.fromkeys(("chord_tolerance", "block_time", "overshoot", "peck_clearance"), (0.0, True, math.inf)),
     "corner_tolerance": (LEAST_CORNER_TOLERANCE, False, math.inf),
     "max_slowdown": (0.0, False, math.inf),
     "max_standstill": (0.0, False, math.inf),
@@ -79,6 +80,7 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     subprograms: tuple[str, ...] = ()
     parameters: str | os.PathLike[str] | None = None
     tool_table: str | os.PathLike[str] | None = None
+    peck_clearance: float | None = None
     controller_units: Literal["mm", "inch"] = "mm"
     notes_in_header: bool = False
 

@@ -93,6 +93,7 @@ _UNITS = {
     "chord_tolerance": MM,
     "block_time": MS,
     "overshoot": MM,
+    "peck_clearance": MM,
     "safe_z": MM,
     "depth": MM,
 }
@@ -407,7 +408,7 @@ _EXPANDING = (
         "--expand",
         is_flag=True,
         help="Write a program out first: parameters, loops, subprograms, cycles and cutter compensation become plain "
-        "motions. For LinuxCNC; subprograms and macros also for Fanuc.",
+        "motions. For LinuxCNC; subprograms, macros, cycles and turned coordinates also for Fanuc.",
     ),
     click.option(
         "--subprograms",
@@ -432,6 +433,13 @@ _EXPANDING = (
         default="mm",
         show_default=True,
         help="With --parameters and --tool-table: the units of these files, which are the machine's.",
+    ),
+    click.option(
+        "--peck-clearance",
+        type=positive,
+        metavar="MM",
+        help="With --expand, for Fanuc: how far G73 and G83 back off by the control's settings (parameters 5114 and "
+        "5115); without it they stay.",
     ),
 )
 

@@ -70,7 +70,7 @@ class CycleWriter:
             Where a word is missing, or the place is not known.
         """
         machine, memory, (first, second, across) = self._machine, self._memory, self._axes
-        self._check(motion, words)
+        self.check(motion, words)
         begun = machine.place[across]
         if memory.initial is None:
             memory.initial = begun
@@ -94,7 +94,7 @@ class CycleWriter:
         if level < floor:
             raise ExpandError("the plane R is below the bottom of the cycle")
         if high < level:
-            self._move(0, {across: level}, named=across)
+            self.move(0, {across: level}, named=across)
             self.raised = 1
             del self.lines[1:]
             high = begun = level
@@ -105,10 +105,10 @@ class CycleWriter:
         for turn in range(round(words.get("l", 1.0))):
             at = _turned(at, words) if turned else (at[0] + step[0], at[1] + step[1])
             over = begun if turn == 0 and begun > level else clear
-            self._move(0, {first: at[0], second: at[1], across: over}, named=first + second)
+            self.move(0, {first: at[0], second: at[1], across: over}, named=first + second)
             if over > level:
-                self._move(0, {across: level}, named=across)
-            self._hole(motion, level, floor, clear, dwell, peck)
+                self.move(0, {across: level}, named=across)
+            self.hole(motion, level, floor, clear, dwell, peck)
         machine.motion = motion
         return self.lines
 
@@ -125,7 +125,7 @@ class CycleWriter:
     def leave_standing(self, motion: int, words: dict[str, float]) -> None:
         """Follow a cycle that is written as it is: nothing is known of the height behind it."""
         machine, memory, (first, second, across) = self._machine, self._memory, self._axes
-        self._check(motion, words)
+        self.check(motion, words)
         if memory.initial is None:
             memory.initial = machine.place[across]
         memory.plane, memory.bottom = words.get("r", memory.plane), words.get(across, memory.bottom)
@@ -139,7 +139,8 @@ class CycleWriter:
         machine.forget(across)
         machine.motion = motion
 
-    def _check(self, motion: int, words: dict[str, float]) -> None:
+    def check(self, motion: int, words: dict[str, float]) -> None:
+        """Refuse a cycle whose words are not whole."""
         machine, across = self._machine, self._axes[2]
         new, name = machine.motion != motion, f"G{motion / 10:g}"
         if machine.modes["feed_mode"] == 930:
@@ -161,43 +162,56 @@ class CycleWriter:
         if motion == 860 and not machine.spindle:
             raise ExpandError("G86 with the spindle at rest")
 
-    def _hole(self, motion: int, level: float, floor: float, clear: float, dwell: float, peck: float) -> None:
+    def hole(self, motion: int, level: float, floor: float, clear: float, dwell: float, peck: float) -> None:
+        """Write a hole from the plane R (`level`) to its bottom (`floor`) and back to a `clear` height."""
         across = self._axes[2]
         if motion in (730, 830):
-            self._pecks(motion, level, floor, peck)
-        self._move(1, {across: floor}, named=across)
+            self.pecks(motion, level, floor, peck)
+        self.move(1, {across: floor}, named=across)
         if motion in (820, 860, 890):
             self.lines.append(f"G4 P{number_text(dwell, self._decimals)}")
         if motion == 850:
-            self._move(1, {across: level}, named=across)
+            self.move(1, {across: level}, named=across)
         if motion == 860:
             self.lines.append("M5")
-        self._move(1 if motion == 890 else 0, {across: clear}, named=across)
+        self.move(1 if motion == 890 else 0, {across: clear}, named=across)
         if motion == 860:
             self.lines.append(f"M{self._machine.spindle}")
 
-    def _pecks(self, motion: int, level: float, floor: float, peck: float) -> None:
+    def pecks(self, motion: int, level: float, floor: float, peck: float) -> None:
+        """Write the pecks of G73 and G83 but the last."""
         across, depth = self._axes[2], level - peck
-        off = _CLEARANCE[self._machine.modes["units"]]
+        off = self.clearance()
         if depth > floor and math.isnan(off):
             raise NotExpandableError("a pecking cycle before G20 or G21: how far it backs off is not known")
         while depth > floor:
-            self._move(1, {across: depth}, named=across)
+            self.move(1, {across: depth}, named=across)
             if motion == 830:
-                self._move(0, {across: level}, named=across)
-            self._move(0, {across: depth + off}, named=across)
+                self.move(0, {across: level}, named=across)
+            self.move(0, {across: depth + off}, named=across)
             depth -= peck
 
-    def _move(self, motion: int, to: dict[str, float], *, named: str) -> None:
+    def clearance(self) -> float:
+        """Return how far a peck backs off, NaN where it is not known."""
+        return _CLEARANCE[self._machine.modes["units"]]
+
+    def move(self, motion: int, to: dict[str, float], *, named: str) -> None:
         """Write a move; `named` axes are written even where they stay."""
         place = self._machine.place
         words = []
         for axis in sorted(to):
             if math.isnan(to[axis]) or (axis not in named and to[axis] == place[axis]):
                 continue
-            half = 2.0 if axis == "x" and self._machine.modes["diameter"] == 70 else 1.0
-            words.append(f"{axis.upper()}{number_text(to[axis] * half, self._decimals)}")
+            words.append(axis)
             place[axis] = to[axis]
-        self.lines.append(" ".join([f"G{motion}", *words]))
+        self.lines.append(self.text(motion, words))
         if self._stops:
             self.lines.append("G4 P0")
+
+    def text(self, motion: int, axes: list[str]) -> str:
+        """Write a move to the place of the machine, of which some axes are named."""
+        words = [f"G{motion}"]
+        for axis in axes:
+            half = 2.0 if axis == "x" and self._machine.modes["diameter"] == 70 else 1.0
+            words.append(f"{axis.upper()}{number_text(self._machine.place[axis] * half, self._decimals)}")
+        return " ".join(words)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import msgspec
 
 from ph_post.expand.fanuc import FanucRunner
 from ph_post.expand.faults import ExpandError
 from ph_post.expand.lines import Source
+from ph_post.expand.macro import FanucNumbers
 from ph_post.expand.run import ProgramRunner
 from ph_post.expand.tools import ToolShape
 from ph_post.expand.writing import DECIMALS, Written, head_line, is_written_out, with_original
@@ -24,12 +25,16 @@ _NEEDED: Final = re.compile(
 )
 """What a program that computes has somewhere."""
 
-_MACRO: Final = re.compile(rb"#|\[|M[ \t]*0*98(?!\d)|G[ \t]*0*65(?![\d.])|GOTO", re.IGNORECASE)
+_MACRO: Final = re.compile(
+    rb"#|\[|M[ \t]*0*98(?!\d)|G[ \t]*(?:0*65|68|51(?:\.1)?|7[346]|8[1-9])(?![\d.])|GOTO", re.IGNORECASE
+)
 
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 
 _MOST_STANDING: Final = 20
-"""Cutter compensations in one program that are tried in vain."""
+"""Stretches of one program that are tried in vain."""
+
+_R = TypeVar("_R", ProgramRunner, FanucRunner)
 
 _FANUC_FILES: Final = ("", ".nc", ".NC", ".cnc", ".CNC", ".txt", ".TXT", ".tap", ".ngc")
 
@@ -92,7 +97,7 @@ def expand(
     name: str,
     folders: Folders | None = None,
     *,
-    fanuc_decimals: int | None = None,
+    fanuc: FanucNumbers | None = None,
     parameters: Mapping[int, float] | None = None,
     tools: Mapping[int, ToolShape] | None = None,
     inches: bool = False,
@@ -106,9 +111,9 @@ def expand(
         For messages.
     folders : Folders, optional
         Where subprograms are that are files of their own.
-    fanuc_decimals : int, optional
-        Decimals of a mm in the increments of Fanuc's control: M98 and M99, G65 and the statements of custom macro B are
-        written out, and what stands behind the end of the main program stays. Without it the language is LinuxCNC's.
+    fanuc : FanucNumbers, optional
+        How a control of Fanuc counts: M98 and M99, G65, the statements of custom macro B, cycles and turned coordinates
+        are written out, and what stands behind the end of the main program stays. Without it: LinuxCNC's language.
     parameters : mapping of int to float, optional
         The controller's own file of parameters, for LinuxCNC.
     tools : mapping of int to ToolShape, optional
@@ -131,21 +136,23 @@ def expand(
     >>> found = expand(b"o1 sub\nG1 X#1 F60\no1 endsub\nG21 G90\no1 call [2*3]\nM2\n", "a.ngc")
     >>> found.data.split(b"\n")[1:4]
     [b'G21 G90', b'G1 X6 F60', b'M2']
-    >>> found = expand(b"O1\nG21 M98 P2 L2\nM30\nO2\n#1=#1+2.5\nG91 G1 X#1\nM99\n", "a.nc", fanuc_decimals=3)
+    >>> found = expand(b"O1\nG21 M98 P2 L2\nM30\nO2\n#1=#1+2.5\nG91 G1 X#1\nM99\n", "a.nc", fanuc=FanucNumbers())
     >>> found.data.split(b"\n")[2:7]
     [b'G21', b'G91 G1 X2.5', b'G91 G1 X5.', b'M30', b'O2']
     """
-    fanuc = fanuc_decimals is not None
-    if is_written_out(data) or not computes(data, fanuc=fanuc):
+    if is_written_out(data) or not computes(data, fanuc=fanuc is not None):
         return Expansion(data=data)
     folders, source = folders or Folders(), Source(name, data.decode("latin-1"))
-    notes: list[str] = []
-    if fanuc_decimals is not None:
+    if fanuc is not None:
         folders.endings = _FANUC_FILES
-        macro = FanucRunner(source, folders.find, fanuc_decimals)
-        lines, changed = macro.run(), macro.changed
+        macro, lines = _run(lambda standing: FanucRunner(source, folders.find, fanuc, standing))
+        notes, changed = [*macro.blocks.notes], macro.blocks.changed
     else:
-        runner, lines = _run(source, folders, parameters, tools or {}, inches)
+        runner, lines = _run(
+            lambda standing: ProgramRunner(
+                source, folders.find, DECIMALS, parameters, tools or {}, standing, inches=inches
+            )
+        )
         notes, changed = runner.notes, runner.blocks.changed
         assumed = sorted(runner.store.assumed)
         if assumed and parameters is None:
@@ -154,11 +161,10 @@ def expand(
     if not changed:
         return Expansion(data=data, notes=tuple(notes))
     kept = None if parameters is None else dict(parameters)
-    dialect = f"fanuc {fanuc_decimals}" if fanuc else "linuxcnc"
     written = Written(
         original=data,
         digest="",
-        dialect=dialect,
+        fanuc=fanuc,
         files=folders.read,
         parameters=kept,
         tools=dict(tools or {}),
@@ -167,21 +173,15 @@ def expand(
     return Expansion(data=_joined(data, lines, written), notes=tuple(notes))
 
 
-def _run(
-    source: Source,
-    folders: Folders,
-    parameters: Mapping[int, float] | None,
-    tools: Mapping[int, ToolShape],
-    inches: bool,
-) -> tuple[ProgramRunner, list[str]]:
-    """Run a program of LinuxCNC's language: anew, with it left as it is, where a cutter compensation cannot be had."""
+def _run(made: Callable[[Mapping[tuple[str, int], str]], _R]) -> tuple[_R, list[str]]:
+    """Run a program: anew, with it left as it is, where a stretch (by file and line) cannot be written out."""
     standing: dict[tuple[str, int], str] = {}
     while True:
-        runner = ProgramRunner(source, folders.find, DECIMALS, parameters, tools, standing, inches=inches)
+        runner = made(standing)
         try:
             return runner, runner.run()
         except ExpandError as error:
-            begun = runner.blocks.cutter.begun
+            begun = runner.begun
             if begun is None or len(standing) == _MOST_STANDING:
                 raise
             where = f"line {error.line}" if error.file == begun[0] else f"{error.file}:{error.line}"
@@ -194,7 +194,7 @@ def _joined(data: bytes, lines: list[str], written: Written) -> bytes:
     at = 0
     while at < len(lines) and (not lines[at].strip() or re.match(r"\s*(?:%|[Oo:]\s*\d+\s*(?:\(.*)?$)", lines[at])):
         at += 1
-    upper = written.fanuc_decimals is not None  # a control of Fanuc shows no small letters
+    upper = written.fanuc is not None  # a control of Fanuc shows no small letters
     head = head_line(hashlib.sha256(data).hexdigest(), upper=upper)
     text = b"".join(line.encode("latin-1") + end for line in [*lines[:at], head, *lines[at:]])
     digest = hashlib.sha256(text).hexdigest()

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-import math
 import re
+from collections.abc import Mapping
 from functools import partial
 from typing import Final
 
 import msgspec
 
+from ph_post.expand.fanuc_blocks import FanucBlocks, MacroWord
 from ph_post.expand.faults import ExpandError, NotExpandableError
 from ph_post.expand.lines import Source
 from ph_post.expand.macro import (
     ARGUMENTS,
     COMMENT,
+    FanucNumbers,
     MacroLine,
     MacroStore,
     argument,
+    plain_value,
     read_macro_line,
     word_text,
 )
@@ -25,6 +28,7 @@ from ph_post.expand.run import Find
 from ph_post.expand.values import ParameterFrame
 
 _MOST_CALLS: Final = 10
+_LETTERS: Final = re.compile(r"([a-z,]*[a-z])(.*)")
 _MODAL_CALL: Final = ("66", "66.1")
 
 
@@ -48,20 +52,25 @@ class FanucRunner:
         The main program, with its subprograms behind it.
     find : callable
         Finds files of subprograms.
-    decimals : int
-        Of lengths that are written.
+    numbers : FanucNumbers
+    standing : mapping
+        As of :class:`FanucBlocks`.
     """
 
-    def __init__(self, source: Source, find: Find, decimals: int) -> None:
+    def __init__(
+        self, source: Source, find: Find, numbers: FanucNumbers, standing: Mapping[tuple[str, int], str]
+    ) -> None:
         self.store = MacroStore()
-        self._find, self._decimals, self._main = find, decimals, source
+        self.blocks = FanucBlocks(numbers, standing)
+        self._find, self._main = find, source
         self._read: dict[tuple[str, int], MacroLine] = {}
-        self._more = 1
-        """One more decimal in inches, and where nobody says that lengths are in mm."""
-        self.lines: list[str] = []
-        self.changed = False
         first = next((k for k in range(len(source.texts)) if self._line(source, k).program >= 0), 0)
         self.calls = [MacroCall(source=source, first=first, last=self._end(source, first), at=0)]
+
+    @property
+    def begun(self) -> tuple[str, int] | None:
+        """The place of the cycle or the turned coordinates that are being written out."""
+        return self.blocks.begun
 
     def _line(self, source: Source, index: int) -> MacroLine:
         key = (source.name, index)
@@ -90,63 +99,64 @@ class FanucRunner:
             if call.at >= call.last:
                 if len(self.calls) > 1:
                     raise ExpandError("a subprogram without M99").at(call.source.name, call.last)
-                return self.lines + self._main.texts[call.last :]
-            if progress.step(partial(self._step, call), call.source.name, call.at + 1, len(self.lines)):
-                return self.lines + self._main.texts[self.calls[0].at :]
+                return self.blocks.lines + self._main.texts[call.last :]
+            if progress.step(partial(self._step, call), call.source.name, call.at + 1, len(self.blocks.lines)):
+                return self.blocks.lines + self._main.texts[self.calls[0].at :]
 
     def _step(self, call: MacroCall) -> bool:
         line = self._line(call.source, call.at)
         call.at += 1
+        self.blocks.at = (call.source.name, call.at)
         if line.fault is not None:
             raise line.fault
         if line.program >= 0:
             if len(self.calls) == 1:
-                self.lines.append(line.text)
+                self.blocks.lines.append(line.text)
             return False
         orders = {round(float(number)) for letter, number in line.plain if letter == "m" and number}
         codes = {number.lstrip("0") for letter, number in line.plain if letter == "g"}
-        if codes & {"20", "21"}:
-            self._more = 0 if "21" in codes else 1
         if line.optional and (line.order or orders & {98, 99} or "65" in codes):
             raise NotExpandableError("a line with a slash runs or not as the control's switch says")
         if codes & set(_MODAL_CALL):
             raise NotExpandableError("a macro that is called by every motion: G66")
         if line.order:
-            self.changed = True
+            self.blocks.changed = True
             self._obey(call, line)
             return False
         if orders & {98, 99} or "65" in codes:
-            self.changed = True
+            self.blocks.changed = True
             self._call(call, line, orders)
             return False
         self._write(line)
         return bool(orders & {2, 30})
 
     def _write(self, line: MacroLine, without: str = "") -> None:
-        if not line.computed and not without:
-            self.lines.append(line.text)
-            return
-        self.changed = True
-        texts = []
+        """Write a block, `without` the words of a call."""
+        blocks, numbers = self.blocks, self.blocks.numbers
+        for part in line.parts:
+            if part in ("g20", "g21"):
+                blocks.machine.set_units(200 if part == "g20" else 210)
+        words = []
         for part in line.parts:
             if isinstance(part, str):
-                letter = next((one for one in part if one.isalpha()), "")
-                if letter not in without or (letter in "gm" and not _is_call(part)):
-                    texts.append(part.upper())
+                letters, digits = _LETTERS.findall(part)[0]
+                if letters[-1] not in without or (letters[-1] in "gm" and not _is_call(part)):
+                    value = plain_value(letters, digits, numbers, blocks.machine.modes["units"])
+                    words.append(MacroWord(letters, value, part.upper()))
                 continue
-            letters, value = part
+            letters, expression = part
             if letters[-1] in without:
                 continue
-            number = value(self.store)
-            if math.isnan(number):
-                self.store.require(number, letters.upper())
+            number = self.store.require(expression(self.store), letters.upper())
             if letters[-1] == "m" and round(number) in (2, 30, 98, 99):
                 raise NotExpandableError(f"an order of the program's flow that is computed: M{number:g}")
-            text = word_text(letters, number, self._decimals + self._more)
-            texts += [text] if text else []
-        texts += COMMENT.findall(line.text)
-        if texts:
-            self.lines.append(("/" if line.optional else "") + " ".join(texts))
+            text = word_text(letters, number, numbers.decimals + blocks.more)
+            if text:
+                words.append(MacroWord(letters, number, text))
+        if not line.parts and COMMENT.sub("", line.text).strip(" \t%;/"):
+            blocks.machine.forget()  # a line that nobody reads here
+        same = not line.computed and not without
+        blocks.run(line.text, words, COMMENT.findall(line.text), optional=line.optional, same=same)
 
     # ------------------------------------------------------------------ statements
 

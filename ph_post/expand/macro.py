@@ -34,6 +34,17 @@ _WHOLE: Final = "gmnopthdsl"
 _CLOSE: Final = 1e-6
 
 
+class FanucNumbers(msgspec.Struct, frozen=True, kw_only=True):
+    """How a control counts: decimals of a mm in its increments, and whether a length without a point is in units.
+
+    `clearance` [mm] is how far G73 and G83 back off (parameters 5114 and 5115), None where nobody says.
+    """
+
+    decimals: int = 3
+    calculator: bool = False
+    clearance: float | None = None
+
+
 class Empty(float):
     """The value of an empty variable."""
 
@@ -289,6 +300,22 @@ def word_text(letters: str, value: float, decimals: int) -> str:
     places = decimals if letter in _LENGTHS else 5
     text = f"{value:.{places}f}".rstrip("0")
     return letters.upper() + ("0." if text in ("-0.", "0.") else text)
+
+
+def plain_value(letters: str, number: str, numbers: FanucNumbers, units: int) -> float:
+    """Return the value of a word that is no expression, NaN where it counts in increments of unknown `units`.
+
+    Examples
+    --------
+    >>> plain_value("x", "1500", FanucNumbers(), 210), plain_value("x", "1.5", FanucNumbers(), 0)
+    (1.5, 1.5)
+    """
+    value = float(number or "nan")
+    if letters[-1] not in _LENGTHS or "." in number or value == 0.0 or numbers.calculator:
+        return value
+    if units == 0:
+        return math.nan
+    return value * 10.0 ** -(numbers.decimals + (1 if units == 200 and letters[-1] not in "abc" else 0))
 
 
 def argument(letter: str, number: str) -> float:

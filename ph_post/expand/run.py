@@ -89,6 +89,11 @@ class ProgramRunner:
         self._main, self._percents, self._broken = source, 0, False
 
     @property
+    def begun(self) -> tuple[str, int] | None:
+        """The place of the cutter compensation that is being written out."""
+        return self.blocks.cutter.begun
+
+    @property
     def notes(self) -> list[str]:
         """What has to be known of the program."""
         return [*self.blocks.notes, *self.blocks.cutter.notes]

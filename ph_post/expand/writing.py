@@ -12,6 +12,7 @@ from typing import Final
 import msgspec
 
 from ph_post.errors import InputError
+from ph_post.expand.macro import FanucNumbers
 from ph_post.expand.tools import ToolShape
 from ph_post.version import package_version
 
@@ -41,23 +42,19 @@ def number_text(value: float, decimals: int) -> str:
 class Written(msgspec.Struct, frozen=True, kw_only=True):
     """What the comments of a program that was written out keep.
 
-    `original` program; `digest` of the text before the comments; `dialect` and `files`, the subprograms that it
-    called by name, so that it can be written out again; `parameters` of the controller, None where none were given;
+    `original` program; `digest` of the text before the comments; `fanuc`, how its control counts, and
+    `files`, the subprograms that it called by name, so that it can be written out again; `parameters` of the
+    controller, None where none were given;
     `tools` that were known; `inches` says that both count in them.
     """
 
     original: bytes
     digest: str
-    dialect: str = ""
+    fanuc: FanucNumbers | None = None
     files: dict[str, bytes] = {}
     parameters: dict[int, float] | None = None
     tools: dict[int, ToolShape] = {}
     inches: bool = False
-
-    @property
-    def fanuc_decimals(self) -> int | None:
-        """Decimals of a mm in the increments of Fanuc's control; None where the language is LinuxCNC's."""
-        return int(self.dialect.split()[1]) if self.dialect.startswith("fanuc") else None
 
 
 def with_original(text: bytes, written: Written, end: bytes, *, upper: bool = False) -> bytes:

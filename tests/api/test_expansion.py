@@ -112,3 +112,22 @@ def test_subprograms_and_macros_of_fanuc(file, tmp_path):
     assert ph.undo(out) == file.read_bytes()
     assert ph.verify(file, out, dialect="fanuc").ok
     assert ph.compensate(out, "stepper", dialect="fanuc", expand=True, max_slowdown=1.0).program() == out.read_bytes()
+
+
+def test_cycles_and_turned_coordinates_of_fanuc(file, tmp_path):
+    holes = "G98 G83 X10. Y5. Z-3. R1. Q2. F90.\nX20.\nG80\n"
+    text = (
+        f"%\nO0001\nG21 G17 G90 F600.\nG0 X0. Y0. Z5.\n{holes}G68 X0. Y0. R90.\nG1 X5. Y1.\nG69\nG0 X0. Y0.\nM30\n%\n"
+    )
+    file.write_text(text)
+    out = tmp_path / "out.nc"
+    how = {"dialect": "fanuc", "expand": True, "strategy": "none"}
+    result = ph.compensate(file, "stepper", peck_clearance=0.5e-3, **how)
+    result.write(out)
+    assert b"G0 Z-0.5\nG1 Z-3.\n" in out.read_bytes()
+    assert b"G1 X-1. Y5.\n" in out.read_bytes()
+    assert ph.undo(out) == file.read_bytes()
+    assert ph.verify(file, out, dialect="fanuc").ok
+    plain = ph.compensate(file, "stepper", **how)
+    assert "part.ngc:5: cycle stays as it is: G83 depends on the control's settings" in plain.warnings[0]
+    assert b"G83 X10." in plain.program()

@@ -1,11 +1,15 @@
 """Fanuc programs that are written out, beside the same ones in LinuxCNC's language and its interpreter."""
 
+import cmath
+import math
+
 import pytest
 from support.canon import needs_rs274
 from support.interpreted import difference, interpret
 
 from ph_post.api.expansion import before_expansion
 from ph_post.expand.expand import ExpandError, Folders, expand
+from ph_post.expand.macro import FanucNumbers
 
 HEAD = "G21 G17 G90 G40 G94 F600.\n"
 TWINS = {
@@ -42,7 +46,7 @@ TWINS = {
 
 
 def written(text, decimals=3, **how):
-    return expand(text.encode(), "a.nc", fanuc_decimals=decimals, **how).data
+    return expand(text.encode(), "a.nc", fanuc=FanucNumbers(decimals=decimals), **how).data
 
 
 def lines_of(text, **how):
@@ -134,3 +138,102 @@ def test_what_cannot_be_written_out_is_named_with_its_line(text, line, what):
     assert found.value.file == "a.nc"
     if what != "deep" and "without an end" not in what:
         assert found.value.line == line
+
+
+def turned(x, y):
+    """Return the words of a place that is turned by 30 degrees about (10, 5)."""
+    at = (complex(x, y) - (10 + 5j)) * cmath.rect(1.0, math.radians(30.0)) + (10 + 5j)
+    return f"X{at.real:.9f} Y{at.imag:.9f}"
+
+
+ARC = 3.0 * cmath.rect(1.0, math.radians(30.0))
+PLAIN = "G0 X0. Y0. Z5.\n"
+TURNED = {
+    "holes": "G99 G81 X10. Y5. Z-3. R1. F90.\nX20.\nG98 Y9.\nG80\nG0 X0.\n",
+    "holes in increments, repeated": "G91 G98 G81 X10. Y5. Z-3. R-4. K3 F90.\nX20.\nG80\nG90 G0 X0.\n",
+    "holes with a dwell": "G99 G82 X10. Y5. Z-3. R1. P500 F90.\nX20. M8\nG80\n",
+    "bored holes": "M3 S500\nG98 G85 X10. Y5. Z-3. R1. F90.\nG86 X20. Z-3. R1. P0\nX25.\nG80\n",
+    "pecks": "G98 G83 X10. Y5. Z-3. R1. Q1.5 F90.\nG73 X20. Z-4. R1. Q1.5\nX25.\nG80\n",
+    "back to G1": (
+        "G1 X1.\nG98 G81 X10. Y5. Z-3. R1. F90.\nG80\nX30.\nZ4.\n",
+        "G1 X1\nG98 G81 X10 Y5 Z-3 R1 F90\nG80\nG1 X30\nZ4\n",
+    ),
+    "bored with a dwell": (
+        "G98 G89 X10. Z-3. R1. P300 F90.\nG80\n",
+        "F90\nG0 X10 Y0\nG0 Z1\nG1 Z-3\nG4 P300\nG1 Z1\nG0 Z5\n",
+    ),
+    "turned": (
+        "G68 X10. Y5. R30.\nG0 X12. Y6.\nG1 X20.\nG91 Y3.\nX-2. Y1.\nG90 G2 X21. Y13. I3.\nG3 X10. R8.\nG1 Z-1.\n"
+        "G69\nG0 X0. Y0.\nX5.\n",
+        f"G0 {turned(12, 6)}\nG1 {turned(20, 6)}\n{turned(20, 9)}\n{turned(18, 10)}\n"
+        f"G2 {turned(21, 13)} I{ARC.real:.9f} J{ARC.imag:.9f}\nG3 {turned(10, 13)} R8\nG1 Z-1\nG0 X0 Y0\nX5\n",
+    ),
+    "turned holes": (
+        "G68 X10. Y5. R30.\nG99 G81 X12. Y6. Z-2. R1. F90.\nX20.\nG80\nG69\nG90 G0 X0. Y0.\n",
+        f"G99 G81 {turned(12, 6)} Z-2 R1 F90\n{turned(20, 6)}\nG80\nG0 X0 Y0\n",
+    ),
+    "mirrored": (
+        "G51.1 X10.\nG1 X12. Y6.\nG2 X15. Y9. I3.\nX18. Y6. R3.\nG91 G1 X2.\nG50.1 X0\nG90 G1 X0. Y0.\n",
+        "G1 X8 Y6\nG3 X5 Y9 I-3 J0\nX2 Y6 R3\nG1 X0\nG1 X0 Y0\n",
+    ),
+    "scaled": (
+        "G51 X10. Y10. Z0. I2. J2. K1.\nG1 X12. Y6. Z1.\nG2 X15. Y9. I3.\nG50\nG1 X0. Y0. Z0.\n",
+        "G1 X14 Y2 Z1\nG2 X20 Y8 I6 J0\nG1 X0 Y0 Z0\n",
+    ),
+}
+
+
+@needs_rs274
+@pytest.mark.parametrize("name", TURNED)
+def test_cycles_and_turned_coordinates_are_what_linuxcnc_makes_of_plain_ones(name):
+    texts = TURNED[name]
+    fanuc, twin = texts if isinstance(texts, tuple) else (texts, texts.replace(" K3", " L3"))
+    numbers = FanucNumbers(decimals=9, clearance=0.254)
+    data = f"%\nO1\n{HEAD}{PLAIN}{fanuc}M30\n%\n".encode()
+    found = expand(data, "a.nc", fanuc=numbers)
+    assert found.notes == ()
+    after = interpret(found.data.replace(b"G9 ", b""))
+    before = interpret(f"{HEAD}{PLAIN}{twin}M30\n".encode())
+    assert (before.refusal, after.refusal) == ("", "")
+    assert difference(before, after) == ""
+
+
+def test_only_what_is_turned_loses_its_characters():
+    text = f"O1\n{HEAD}{PLAIN}N5 G1  X10 (AS IT IS)\n"
+    text += "G68 X0. Y0. R90.\nG0 X5. Y0. M8\nZ-1. (DOWN)\nG69 (BACK)\nG0 X0. Y0.\n"
+    assert lines_of(text + "M30\n")[3:] == [
+        *("N5 G1  X10 (AS IT IS)", "G0 M8 X0. Y5.", "Z-1. (DOWN)", "(BACK)", "G0 X0. Y0.", "M30")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("G98 G83 X10. Z-3. R1. Q1. F90.\nG80\n", "4: cycle stays as it is: G83 depends on the control's settings"),
+        ("G98 G76 X10. Z-3. R1. Q1. F90.\nG80\n", "G76 depends on the control's settings"),
+        ("G81 X10. Z-3. R1. F90.\nX20.\nG80\n", "neither G98 nor G99 was said (line 4)"),
+        ("G98 G81 X10. R1. F90.\nG80\n", "G81 without R or Z (line 4)"),
+        ("G98 G81 X10. Z-3. R9. F90.\nG80\n", "begins below its plane R (line 4)"),
+        ("G98 G81 X10. Z-3. R1. F90.\nX20. M5\nG80\n", "does not belong to it (line 5)"),
+        ("G98 G81 X10. Z-3. R1. F90.\nG84 X20.\nG80\n", "G84 depends on the control's settings"),
+        ("G98 G86 X10. Z-3. R1. F90.\nG80\n", "not known to turn clockwise (line 4)"),
+        ("G28 Z0.\nG98 G81 X10. Z-3. R1. F90.\nG80\n", "Z is not known where the cycle begins (line 5)"),
+        ("G68 X0. Y0. R45\nG0 X1. Y1.\nG69\n", "G68 without its centre, or without an R with a decimal point"),
+        ("G68 R45.\nG0 X1. Y1.\nG69\n", "G68 without its centre"),
+        ("G68 X0. Y0. R45.\nG0 X1.\nG69\n", "names not all axes in G90 (line 5)"),
+        ("G68 X0. Y0. R45.\nG0 X1. Y1.\nG69\nG91 X1.\n", "names not all axes in G90 (line 7)"),
+        ("G68 X0. Y0. R45.\nG0 X1. Y1.\nG54 X2.\nG69\n", "G54 in turned, scaled or mirrored coordinates (line 6)"),
+        ("G68 X0. Y0. R45.\nG68 X1. Y1. R5.\nG69\n", "a frame within another (line 5)"),
+        ("G51 X0. Y0. Z0. P500\nX1. Y1.\nG50\n", "which axes P scales"),
+        ("G51 X0. Y0. Z0. I2. J1. K1.\nG1 X1. Y1.\nG2 X3. R9.\nG50\n", "scaled differently (line 6)"),
+        ("G51.1 X0.\nG1 X1. Y1.\nG41 D1 X2.\nG50.1 X0.\n", "cutter compensation in scaled or mirrored"),
+        ("G68 X0. Y0. R45.\nG0 X1. Y1.\n/X2.\nG69\n", "a line with a slash"),
+        ("G16\nG98 G81 X10. Z-3. R1. F90.\nG80\n", ""),
+    ],
+)
+def test_what_the_control_decides_stays_and_is_named(text, why):
+    data = f"O1\n{HEAD}{PLAIN}{text}M30\n".encode()
+    found = expand(data, "a.nc", fanuc=FanucNumbers())
+    assert found.data == data
+    assert why in " ".join(found.notes)
+    assert bool(found.notes) == bool(why)

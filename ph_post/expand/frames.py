@@ -1,0 +1,72 @@
+"""Turned, scaled and mirrored coordinates of Fanuc: G68, G51 and G51.1.
+
+FANUC Series 30i/31i/32i-MODEL B, Operator's Manual for Machining Center System, B-64484EN-2, and Series 0i-F,
+B-64604EN-2: "Coordinate system rotation", "Scaling", "Programmable mirror image".
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Mapping
+
+import msgspec
+
+from ph_post.expand.faults import NotExpandableError
+
+Place = dict[str, float]
+"""Coordinates by axis."""
+
+
+class TurnedFrame(msgspec.Struct, frozen=True, kw_only=True):
+    """What becomes of coordinates: first multiplied by `factors` about `center`, then turned in the plane of `axes`.
+
+    `turn` [rad] is about the same centre; axes without a factor stay. `ends` is ten times the G word that ends it.
+    """
+
+    ends: int
+    axes: tuple[str, str, str]
+    center: Mapping[str, float] = {}
+    factors: Mapping[str, float] = {}
+    turn: float = 0.0
+
+    @property
+    def moved(self) -> frozenset[str]:
+        """Axes whose coordinates change."""
+        return frozenset(self.factors) | frozenset(self.axes[:2] if self.turn else ())
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether left is right in the plane."""
+        return self._factor(self.axes[0]) * self._factor(self.axes[1]) < 0.0
+
+    def _factor(self, axis: str) -> float:
+        return self.factors.get(axis, 1.0)
+
+    def apply(self, place: Place) -> Place:
+        """Return the coordinates without the frame, of those in it."""
+        moved = {axis: self.center.get(axis, 0.0) for axis in "xyz"}
+        vector = self.vector({axis: place[axis] - moved[axis] for axis in "xyz"})
+        return {**place, **{axis: moved[axis] + vector[axis] for axis in self.moved}}
+
+    def vector(self, along: Place) -> Place:
+        """Return a difference of coordinates without the frame, of one in it."""
+        first, second, _ = self.axes
+        found = {axis: value * self._factor(axis) for axis, value in along.items()}
+        if self.turn:
+            turned = complex(found[first], found[second]) * cmath.rect(1.0, self.turn)
+            found[first], found[second] = turned.real, turned.imag
+        return found
+
+    def radius(self) -> float:
+        """Return by what the radius of a circle in the plane is multiplied.
+
+        Raises
+        ------
+        NotExpandableError
+            Where it becomes no circle.
+        """
+        first, second = (abs(self._factor(axis)) for axis in self.axes[:2])
+        if not math.isclose(first, second):
+            raise NotExpandableError("a circle whose axes are scaled differently")
+        return first
