@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(File(__file__).parents[1]))
 
-from support.program_judge import Measured, Played, Stretches, gaps_of, measure, played, settled_time, tail_of
+from support.program_judge import Measured, Played, Stretches, gaps_of, lag_of, measure, played, settled_time, tail_of
 from support.random_cuts import RandomCut, random_cut
 
 import ph_post as ph
@@ -106,7 +106,7 @@ def judge(job: RandomCut, allowed: Sequence[float] = ALLOWED) -> list[Judged]:
 def _played(motion: Any, text: str, path: Stretches, machine: Any, plain: Played | None = None) -> Played:
     block = motion.program.motions.block
     lines = np.where(motion.command.segment < 0, 0, block[np.maximum(motion.command.segment, 0)] + 1)
-    return played(text, path, motion.command, lines, gaps_of(machine), settled_time(machine), plain)
+    return played(text, path, motion.command, lines, gaps_of(machine), settled_time(machine), lag_of(machine), plain)
 
 
 def _judged(job: RandomCut, share: float, result: Any, before: Measured, after: Measured) -> Judged:

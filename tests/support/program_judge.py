@@ -3,11 +3,13 @@
 When the motors are where, a model of the controller's planner says, which is held to real planners elsewhere. What the
 table makes of it, and how far that is from the path, is worked out here: words by :mod:`support.reference_player`,
 motors that lag and tables with play by :mod:`support.two_masses`, on every combination of initial sides, and distances
-by a search tree. A stretch of cuts between two rapids is held against the same stretch of the original.
+from the lines that a row stands for. A stretch of cuts between two rapids is held against the same stretch of the
+original.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from itertools import product
 from typing import NamedTuple
@@ -81,18 +83,23 @@ class Stretches:
         rapid = np.array([move.mode == 0 or move.line in air for move in self.moves])
         self.run_of = np.cumsum(np.diff(rapid, prepend=True) != 0)
         self.line_run = {move.line: int(k) for move, k in zip(self.moves, self.run_of, strict=True)}
-        self.points, self.trees = {}, {}
+        self.points, self.trees, self.spans = {}, {}, {}
         self.rapid_runs = set(self.run_of[rapid].tolist())
         self.begins = {}
         for k in np.unique(self.run_of).tolist():
             own = [move for move, number in zip(self.moves, self.run_of, strict=True) if number == k]
-            points = run(own, DENSE).motor
+            sampled = run(own, DENSE)
+            points = sampled.motor
             before = self.points[k - 1][-int(tail / DENSE) :] if k - 1 in self.rapid_runs and tail else points[:1]
             points = np.concatenate([before, points])
             apart = np.append(True, (np.abs(np.diff(points, axis=0)) > SAME).any(axis=1))
             self.points[k] = points[apart]
             self.begins[k] = int(apart[: len(before)].sum()) - 1
             self.trees[k] = cKDTree(self.points[k])
+            # First and last sample of each move.
+            at = np.cumsum(apart)[len(before) :] - 1
+            ends = np.searchsorted(sampled.owner, np.arange(len(own)), side="right") - 1
+            self.spans[k] = (np.array([move.line for move in own]), np.append(self.begins[k], at[ends[:-1]]), at[ends])
 
     def nearest(self, places: Floats, run_of: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Nearest points (n, 3) [mm] of each place's run, and how far along it they are, in samples."""
@@ -101,6 +108,23 @@ class Stretches:
             own = run_of == k
             found[own], along[own] = self._nearest(self.points[k], self.trees[k], places[own])
         return found, along
+
+    def samples(self, number: int, first: int, last: int) -> tuple[int, int]:
+        """Samples of a run from where its lines `first` to before `last` begin to where the next move ends.
+
+        On that a controller is that rounds a corner.
+        """
+        lines, begins, ends = self.spans[number]
+        low, high = np.searchsorted(lines, [first, last])
+        return int(np.append(begins, ends[-1])[low]), int(ends[min(high, ends.size - 1)])
+
+    def distances(self, places: Floats, run_of: NDArray[np.int64], window: NDArray[np.int64]) -> Floats:
+        """Distances (n,) [mm] of places from their runs, between the samples (n, 2) of a window."""
+        found = np.empty(len(places))
+        for k in np.unique(run_of).tolist():
+            own = run_of == k
+            found[own] = _within(places[own], self.points[k], window[own])
+        return found
 
     def nearest_on(self, places: Floats, moves: list[Move]) -> Floats:
         """Nearest points (n, 3) [mm] of some moves."""
@@ -140,6 +164,7 @@ class Stretches:
 class Played(NamedTuple):
     """A program's motors (n, 3) [mm], the original's run of each row, which rows count, and the line of each.
 
+    `window` (n, 2) are the samples of the run between which the table is, which goes along the path in its order.
     `free` (n, 3) are the motors without the offsets that the program gave them, `exact` the path next to them.
     """
 
@@ -147,6 +172,7 @@ class Played(NamedTuple):
     run_of: NDArray[np.int64]
     counted: NDArray[np.bool_]
     line: NDArray[np.int64]
+    window: NDArray[np.int64]
     free: Floats
     exact: Floats
 
@@ -241,9 +267,13 @@ def played(
     lines: NDArray[np.int64],
     gaps: Floats,
     settled: float,
+    late: float,
     plain: Played | None = None,
 ) -> Played:
-    """Rows of a program: `command` in SI units, `lines` (n,) the line of each of them, from 1; `plain` the original."""
+    """Rows of a program: `command` in SI units, `lines` (n,) the line of each of them, from 1.
+
+    Tables are at most `late` [s] behind. `plain` is the original.
+    """
     motor = np.zeros((len(command.t), 3))
     motor[:, ["XYZ".index(name) for name in command.axes]] = 1e3 * command.position
     own = Stretches(text, gaps)
@@ -258,7 +288,24 @@ def played(
     free, exact = motor, original.nearest(motor, numbers)[0]
     if plain is not None:
         free, exact = without_offsets(text, original, motor, np.maximum.accumulate(lines), own, plain)
-    return Played(motor, numbers, cuts & (command.t >= settled), lines, free, exact)
+    window = windows(text, original, lines, numbers, math.ceil(late / command.period), NEAR + LONG * gaps.max())
+    return Played(motor, numbers, cuts & (command.t >= settled), lines, window, free, exact)
+
+
+def windows(
+    text: str, original: Stretches, lines: NDArray[np.int64], numbers: NDArray[np.int64], rows: int, beyond: float
+) -> NDArray[np.int64]:
+    """Samples (n, 2) between which the table is that is so many rows behind, and so far [mm] before and behind that."""
+    stands = origins(text)
+    found = np.empty((len(lines), 2), dtype=np.int64)
+    for k in np.unique(numbers).tolist():
+        own = np.flatnonzero(numbers == k)
+        known, which = np.unique(lines[own], return_inverse=True)
+        low, high = np.array([original.samples(k, *stands[line][:2]) for line in known.tolist()]).T[:, which]
+        low = np.append(np.zeros(rows, dtype=np.int64), np.minimum.accumulate(low[::-1])[::-1])[: own.size]
+        slack = math.ceil(beyond / DENSE)
+        found[own] = np.stack([low - slack, np.maximum.accumulate(high) + slack], axis=1)
+    return found
 
 
 def _bodies(machine) -> list[Body]:
@@ -307,7 +354,7 @@ def measure(program: Played, path: Stretches, machine) -> Measured:
         else:
             which = (table != first[0]).any(axis=1)
             error, gap = first[1].copy(), first[2].copy()
-        error[which] = 1e-3 * np.linalg.norm(table[which] - path.nearest(table[which], runs[which])[0], axis=1)
+        error[which] = 1e-3 * path.distances(table[which], runs[which], program.window[rows][which])
         gap[which] = 1e-3 * _from_band(table[which], rows[which], *band, way, step, near)
         first = first or (table, error, gap)
         found.append((error, gap))
@@ -320,6 +367,24 @@ def _sizes(error: Floats) -> tuple[float, float, float]:
     if not error.size:
         return 0.0, 0.0, 0.0
     return float(error.max()), float(np.sqrt(np.mean(error**2))), float(np.quantile(error, 0.95))
+
+
+@numba.njit(cache=True)
+def _within(places, points, window):  # type: ignore[no-untyped-def]
+    """Distances (n,) of places from the lines between points, from one of a window (n, 2) to another.
+
+    Points are no farther from each other than `DENSE`.
+    """
+    found = np.empty(len(places))
+    for n in range(len(places)):
+        k, high = max(window[n, 0], 0), min(window[n, 1], len(points) - 1)
+        least = _from_line(places[n], points[high], points[high])
+        while k < high:
+            away = _from_line(places[n], points[k], points[k + 1])
+            least = min(least, away)
+            k += max(1, int((away - least) / DENSE))
+        found[n] = least
+    return found
 
 
 @numba.njit(cache=True)
@@ -385,6 +450,11 @@ def _from_line(point, a, b):  # type: ignore[no-untyped-def]
 def gaps_of(machine) -> Floats:
     """Lost motion of X, Y and Z [mm]."""
     return np.array([1e3 * machine.axes[name].gap.lost_motion for name in "XYZ"])
+
+
+def lag_of(machine) -> float:
+    """Time [s] that a table may be behind."""
+    return LATE * max(axis.servo.c for axis in machine.axes.values())
 
 
 def tail_of(machine) -> float:
