@@ -95,7 +95,8 @@ def command(
 
     \b
     JSON:
-      axes            by axis {lost_motion, written, backlash_uncertainty, sources, note} [mm]
+      axes            by axis {lost_motion, written, backlash_uncertainty, sources, note} [mm], and repeats: how
+                      often to read each place of a dial, 0 where it is enough
       squareness      by pair of axes {value, stderr} [rad]: what the angle lacks of 90 degrees
       scale           by axis {value, stderr}: 1e-4 is 0.1 mm in a metre too far
       scale_mismatch  by pair, the first axis' scale less the second's

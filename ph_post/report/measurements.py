@@ -7,7 +7,7 @@ from typing import Any
 
 from ph_post.api.hand_measurements import HandMeasurement
 from ph_post.identify.ballbar import BallBarResult
-from ph_post.identify.dial import DialResult
+from ph_post.identify.dial import NEAR, DialResult
 from ph_post.identify.handreadings import Sure
 from ph_post.identify.measurement import AxisMeasurement, scale_words, square_words
 from ph_post.report.tables import format_table
@@ -64,6 +64,11 @@ def _dial_lines(dial: DialResult) -> Iterator[str]:
         )
         yield f"   along the axis {', '.join(each)} mm"
     yield f"   one reading is off by {dial.scatter / MICROMETRE:.2g} µm"
+    goal = f"   for a lost motion within {NEAR / MICROMETRE:g} µm in 90 of 100 cases"
+    if dial.repeats is None:
+        yield f"{goal} take an indicator with finer lines"
+    elif dial.repeats:
+        yield f"{goal} read each place {dial.repeats} times: calibrate --without-log --repeats {dial.repeats}"
 
 
 def _mean(values: list[float]) -> float:
@@ -126,6 +131,7 @@ def measurement_view(found: HandMeasurement) -> dict[str, Any]:
                 "backlash_uncertainty": None if one.note else found.machine.axes[axis].uncertainty.backlash,
                 "sources": {way: _view(number, MM) for way, number in one.sources.items()},
                 "note": one.note,
+                "repeats": found.dial[axis].repeats if axis in found.dial else None,
             }
             for axis, one in found.axes.items()
         },

@@ -42,6 +42,12 @@ _SHAPES: Final = {
 CALIPER_READINGS: Final = 3
 """How often each width is read."""
 
+APART: Final = 0.03 * MM
+"""What readings from one side may differ by where two of each do: one is off by about 15 µm then."""
+
+ENOUGH: Final = 4
+"""How often a place is read where readings are off by 20 µm."""
+
 
 def readings_template(kit: GaugeKit) -> str:
     """Write the file of readings with empty lists (TOML)."""
@@ -137,6 +143,11 @@ def _dial(machine: Machine, kit: GaugeKit) -> Iterator[str]:
         f" about {swing:g} mm more than *from minus*: if not, the indicator slips or sits askew."
     )
     yield "5. At the end of the row take the indicator away when the comment says so."
+    if test.repeats < ENOUGH:
+        yield (
+            f"6. Where readings of a row from the same side differ by {APART / MM:g} mm or more, {test.repeats} are too"
+            f" few: write the programs anew with `--repeats {ENOUGH}`. `machine measure` says how many it takes."
+        )
     axes = list(dict.fromkeys(row.axis for row in test.rows))
     for axis in axes:
         program = next(one for one in kit.programs if one.name == f"dial_{axis.lower()}")

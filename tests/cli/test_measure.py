@@ -153,3 +153,13 @@ def test_readings_that_are_all_the_same_are_as_sure_as_their_last_digit(capsys):
     status, out, _ = run(capsys, *MEASURE, "-m", "router", *none)
     assert status == 0
     assert "no lost motion that these readings show: 0 in the machine file" in out
+
+
+def test_a_coarse_dial_is_to_be_read_more_often(capsys):
+    coarse = ("--dial", "X 0 0.52 0.03 0.04 0.06", "--dial", "X 0 0.48 0.05 -0.03 0.02")
+    status, out, _ = run(capsys, *MEASURE, "-m", "router", *coarse)
+    assert status == 0
+    asked = next(line for line in out.splitlines() if "90 of 100" in line)
+    assert asked.startswith("   for a lost motion within 10 µm in 90 of 100 cases read each place ")
+    status, out, _ = run(capsys, *MEASURE, "-m", "router", *ROWS)
+    assert "90 of 100" not in out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -83,6 +84,29 @@ def test_few_readings_of_a_coarse_dial_are_as_sure_as_they_say(tmp_path):
     pairs = measure_many(tmp_path, 60, Shop(dial=0.02, dial_grain=0.01))["lost motion"]
     assert 0.6 <= coverage(pairs) <= 0.75
     assert 0.006 < np.mean([error for _, error in pairs]) < 0.010
+
+
+def measured_as_asked(folder: Path, count: int, shop: Shop) -> list[float]:
+    """Measure machines by a dial, those anew that want more readings, as often as they ask for; how far off each is."""
+    off = []
+    file = folder / "readings.toml"
+    for seed in range(count):
+        random = np.random.default_rng(seed)
+        machine = hand_trials.draw(random)
+        file.write_text(hand_trials.readings(machine, random, shop))
+        found = ph.measure(file, "stepper")
+        wanted = max(one.repeats or 0 for one in found.dial.values())
+        if wanted:
+            file.write_text(hand_trials.readings(machine, random, replace(shop, repeats=wanted)))
+            found = ph.measure(file, "stepper")
+        off += [found.axes[axis].lost_motion.value / MM - hand_trials.true_play(machine, axis) for axis in "XY"]
+    return off
+
+
+@pytest.mark.parametrize("dial", [0.005, 0.02])
+def test_a_dial_asks_for_as_many_readings_as_it_takes(tmp_path, dial):
+    off = measured_as_asked(tmp_path, 60, Shop(dial=dial, dial_grain=0.01))
+    assert np.mean(np.abs(off) < 0.010) >= 0.9
 
 
 def test_a_cut_shows_squareness_and_scale_beside_the_lost_motion(tmp_path):
