@@ -13,7 +13,7 @@ from ph_post.edit.edits import MotionPart
 from ph_post.errors import InputError
 from ph_post.gcode.codes import takes_axes
 from ph_post.gcode.motion_parts import place, split_cubic
-from ph_post.gcode.program import ARC, AXES, CENTERS, CUBIC, PLANE_AXES, Modal, PartProgram
+from ph_post.gcode.program import ARC, AXES, CENTERS, CUBIC, PLANE_AXES, Modal, PartProgram, number_text
 from ph_post.types import Array, IntArray
 
 _CANNED: Final = (73, 76, 80, 81, 82, 83, 84, 85, 86, 87, 88, 89)
@@ -152,7 +152,7 @@ def _is_number(text: str | None) -> bool:
 
 
 class FeedWords:
-    """The text of the F word in force after every line."""
+    """The text of the F in force after every line: that of its word, or its number in other units set since then."""
 
     def __init__(self, program: PartProgram) -> None:
         words = program.words
@@ -168,6 +168,8 @@ class FeedWords:
         if found < 0:
             return None
         word, words = self._words[found], self._program.words
+        if words.value[word] != self._program.feed_word[block]:
+            return number_text(float(self._program.feed_word[block]))
         text = self._program.data[words.start[word] + 1 : words.end[word]]
         return text.translate(None, b" \t").decode("latin-1")
 

@@ -104,9 +104,12 @@ def _coordinate(view: Any, along: Any, s: float, axis: int) -> float:
         x = start[k, plane[k, 0]] - center[k, 0]
         y = start[k, plane[k, 1]] - center[k, 1]
         turned = math.atan2(y, x) + share * angle[k]
+        # Ends whose radii differ by their rounding are on one spiral.
+        last = math.hypot(end[k, plane[k, 0]] - center[k, 0], end[k, plane[k, 1]] - center[k, 1])
+        radius = (1.0 - share) * math.hypot(x, y) + share * last
         if axis == plane[k, 0]:
-            return float(center[k, 0] + math.hypot(x, y) * math.cos(turned))
-        return float(center[k, 1] + math.hypot(x, y) * math.sin(turned))
+            return float(center[k, 0] + radius * math.cos(turned))
+        return float(center[k, 1] + radius * math.sin(turned))
     if kind[k] == CUBIC:
         p, v = control[row[k], :, axis], 1.0 - share
         return float(v**3 * p[0] + 3 * v * v * share * p[1] + 3 * v * share**2 * p[2] + share**3 * p[3])

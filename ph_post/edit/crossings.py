@@ -12,6 +12,7 @@ from ph_post.edit.crossing_shapes import BALANCED, OUTER, OUTWARD, CrossingShape
 from ph_post.edit.edits import CrossingEdit, CrossingPart
 from ph_post.edit.reversals import motion_view
 from ph_post.gcode.program import AXES, LINE, Motions
+from ph_post.geometry.numeric import polyline_distances
 from ph_post.types import Array, BoolArray
 from ph_post.units import MM
 
@@ -240,7 +241,9 @@ class CrossingPlanner:
         tangent /= np.maximum(np.linalg.norm(tangent, axis=1), 1e-12)[:, None]
         off = table - path
         across = off - (off * tangent).sum(axis=1)[:, None] * tangent
-        return float(np.linalg.norm(across, axis=1).max())
+        error = float(np.linalg.norm(across, axis=1).max())
+        # Beside a joint the nearest place of the path is no longer across from it.
+        return error if error <= ERROR else min(error, float(polyline_distances(table, path).max()))
 
     def _in_rest(self, spot: CrossingPlace) -> _Knots | None:
         """Cross while the axis rests anyway: on a straight stretch of the rest, and no slower."""

@@ -74,7 +74,7 @@ def _passing(view: Any, feed: Any, exact: Any, k: int, high: int) -> float:
 @inner
 def _turns(view: Any, axis: int, k: int, shares: Any, places: Any) -> int:
     """Shares and positions at which an axis turns inside a motion; their number."""
-    kind, start, _, plane, center, angle, row, control = view
+    kind, start, end, plane, center, angle, row, control = view
     found = 0
     if kind[k] == CUBIC:
         p = control[row[k], :, axis]
@@ -98,7 +98,9 @@ def _turns(view: Any, axis: int, k: int, shares: Any, places: Any) -> int:
         x = start[k, plane[k, 0]] - center[k, 0]
         y = start[k, plane[k, 1]] - center[k, 1]
         radius, theta, sweep = math.hypot(x, y), math.atan2(y, x), angle[k]
-        if math.isnan(radius) or sweep == 0.0:
+        # Ends whose radii differ by their rounding are on one spiral.
+        last_radius = math.hypot(end[k, plane[k, 0]] - center[k, 0], end[k, plane[k, 1]] - center[k, 1])
+        if math.isnan(radius + last_radius) or sweep == 0.0:
             return 0
         # The axis is extreme where the angle is a whole number of half turns, the second axis' a quarter on.
         first = (theta - side * 0.5 * math.pi) / math.pi
@@ -106,8 +108,10 @@ def _turns(view: Any, axis: int, k: int, shares: Any, places: Any) -> int:
         n = math.floor(first) + 1.0 if sweep > 0.0 else math.ceil(first) - 1.0
         step = 1.0 if sweep > 0.0 else -1.0
         while (n - last) * step < 0.0 and found < shares.size:
-            shares[found] = (n - first) * math.pi / sweep
-            places[found] = center[k, side] + (radius if n % 2.0 == 0.0 else -radius)
+            share = (n - first) * math.pi / sweep
+            there = radius + share * (last_radius - radius)
+            shares[found] = share
+            places[found] = center[k, side] + (there if n % 2.0 == 0.0 else -there)
             found += 1
             n += step
     return found

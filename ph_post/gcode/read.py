@@ -264,7 +264,9 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
         text = data[behind.start() : lines[first + 1]].decode("utf-8", "replace").strip()
         what = f"behind the program's end: {shortened(text)}"
         notes = (*notes, Note(first=first, last=lines.size - 2, column=1, what=what))
-    breaks = find_breaks(motions.block, blocks.marks, np.where(blocks.whys < codes.QUIET, blocks.whys, 0), blocks.end)
+    rests = np.isin(blocks.whys, (codes.STAYING_G, codes.STAYING_M)) & (blocks.tasks == codes.REST)
+    lost = np.where((blocks.whys < codes.QUIET) & ~rests, blocks.whys, 0)
+    breaks = find_breaks(motions.block, blocks.marks, lost, blocks.end)
     number = np.arange(len(breaks) - 1, dtype=np.int32)
     chain = np.repeat(number, np.diff([one.motion for one in breaks]))
     return PartProgram(

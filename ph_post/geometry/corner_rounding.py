@@ -13,6 +13,7 @@ from ph_post.geometry.bernstein import restrict
 from ph_post.geometry.corner_curves import CurveEnd, corner_curve, reach_of_deviation
 from ph_post.geometry.curves import Arc, Bezier, Composite, Line
 from ph_post.geometry.joints import SHARP_CORNER_RAD, Joints, find_joints
+from ph_post.geometry.numeric import polyline_distances
 from ph_post.geometry.nurbs import Nurbs
 from ph_post.geometry.ph import PH
 from ph_post.geometry.piecewise import Piece, PiecewiseCurve, polynomial_piece
@@ -229,19 +230,8 @@ class _Rounder:
         ):
             u = self._parameter(piece, np.linspace(first, last, SAMPLES))
             sides.append(self.track.derivatives(np.full(SAMPLES, piece), u)[0])
-        to_sides = np.minimum(*(_distances(points, side) for side in sides))
-        return float(max(to_sides.max(), *(_distances(side, points).max() for side in sides)))
-
-
-def _distances(points: Array, line: Array) -> Array:
-    """Distances of points (n, dim) from a polyline (m, dim), shape (n,)."""
-    start, chord = line[:-1], np.diff(line, axis=0)
-    square = np.maximum(np.einsum("mk,mk->m", chord, chord), np.finfo(np.float64).tiny)
-    offset = points[:, None] - start
-    along = np.clip(np.einsum("nmk,mk->nm", offset, chord) / square, 0.0, 1.0)
-    away = offset - along[..., None] * chord
-    distances: Array = np.sqrt(np.einsum("nmk,nmk->nm", away, away)).min(axis=1)
-    return distances
+        to_sides = np.minimum(*(polyline_distances(points, side) for side in sides))
+        return float(max(to_sides.max(), *(polyline_distances(side, points).max() for side in sides)))
 
 
 def _with_curves(track: Track, joints: Joints, curves: dict[int, _Curve]) -> Path:

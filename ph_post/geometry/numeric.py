@@ -1,4 +1,4 @@
-"""Row-wise reductions, runs of row numbers, and bisection to the last digit."""
+"""Row-wise reductions, distances from polylines, runs of row numbers, and bisection to the last digit."""
 
 from __future__ import annotations
 
@@ -40,6 +40,29 @@ def norm(values: Array) -> Array:
     """Euclidean norm of every row of `values` (n, k), shape (n,)."""
     squared: Array = np.einsum("nk,nk->n", values, values)
     return np.sqrt(squared)
+
+
+def polyline_distances(points: Array, line: Array) -> Array:
+    """Distances of points from a polyline, shape (n,).
+
+    Parameters
+    ----------
+    points : Array, shape (n, dim)
+    line : Array, shape (m, dim)
+        Points of the polyline.
+
+    Examples
+    --------
+    >>> polyline_distances(np.array([[1.0, 2.0], [5.0, 0.0]]), np.array([[0.0, 0.0], [4.0, 0.0]])).tolist()
+    [2.0, 1.0]
+    """
+    start, chord = line[:-1], np.diff(line, axis=0)
+    square = np.maximum(np.einsum("mk,mk->m", chord, chord), np.finfo(np.float64).tiny)
+    offset = points[:, None] - start
+    along = np.clip(np.einsum("nmk,mk->nm", offset, chord) / square, 0.0, 1.0)
+    away = offset - along[..., None] * chord
+    distances: Array = np.sqrt(np.einsum("nmk,nmk->nm", away, away)).min(axis=1)
+    return distances
 
 
 def runs(rows: IntArray) -> list[IntArray]:

@@ -70,7 +70,7 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
     approach = _find_approaches(case, old, new, new_change, added)
     jog |= approach
     named = np.append(case.lines.changes.crossed, False)
-    crossed = named[new_change] & (other.kind != RAPID) & ~approach
+    crossed = named[new_change] & (other.kind != RAPID) & ~approach & ~_first_of_all(other, new_change, jog)
     last_old, last_new, alone, closing = _crossed_ends(one, other, old_change, new_change, crossed, approach)
     ends = np.append(old.astype(np.int64), last_old), np.append(new.astype(np.int64), last_new)
     before, after = _follow_shifts(one, other, ends, (jog & ~crossed) | alone, new)
@@ -200,6 +200,27 @@ def _find_approaches(
         rapid, behind = rapid[kept], behind[kept]
         found[behind] = True
     return found
+
+
+def _first_of_all(motions: Motions, change: PlaceArray, jog: BoolArray) -> BoolArray:
+    """Mask (k,) of the jogs that begin their changes, of axes that have not moved in their chains before.
+
+    On which side such an axis begins nobody knows; on the wrong one the original is no nearer to the path.
+    """
+    leading = jog & (np.maximum.accumulate(np.where(jog, -1, np.arange(jog.size))) < _begins(change))
+    begins, found = _begins(motions.chain), np.zeros(jog.size, dtype=bool)
+    for axis in range(len(AXES)):
+        end = motions.end[:, axis]
+        way = ~np.isnan(end) & ~(np.abs(end - motions.start[:, axis]) <= EXACT)
+        moved = np.append(0, np.cumsum(way))
+        found |= leading & way & (moved[:-1] == moved[begins])
+    return found
+
+
+def _begins(number: PlaceArray) -> IntArray:
+    """Return the first of the equal numbers in a row among which each is, (k,)."""
+    heads = np.append(True, number[1:] != number[:-1])[: number.size]
+    return np.asarray(np.maximum.accumulate(np.where(heads, np.arange(number.size), 0)))
 
 
 def _approaching(case: VerifyCase, behind: IntArray, rapid: IntArray, *, anywhere: bool = False) -> BoolArray:
