@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import Final
 
 import msgspec
 
@@ -344,6 +345,15 @@ class Recording(msgspec.Struct, frozen=True, kw_only=True):
     lines: Callable[[Machine, Sequence[str], float, str, bool], list[str]] | None = None
     ending: str = ".csv"
     has_command: bool = False
+
+
+BUILT_PATH: Final = RoundedPath(tolerance=0.01 * MM, bounded=True)
+"""A control whose machine's builder sets how far it may round corners, as far as they often do.
+
+HEIDENHAIN, Klartext Portal, "Cycle 32 Tolerance": the builder sets the default of the path deviation T. SINUMERIK
+840D sl, Function Manual Basic Functions, B1: MD33100 and MD33120 limit it in G642 and G645, the overload factor in
+G64. FANUC B-64484EN, AI contour control: parameters do.
+"""
 
 
 class Dialect(msgspec.Struct, frozen=True, kw_only=True):

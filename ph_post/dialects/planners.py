@@ -91,8 +91,6 @@ def planner_notes(machine: Machine) -> tuple[str, ...]:
     ('the machine file does not state square_corner_velocity_mm_s (5), arc_resolution_mm (1): defaults of klipper',)
     """
     planner, stated = planner_of(machine), machine.planner.given()
-    if isinstance(planner, RoundedPath):
-        return ()
     lacking = [
         f"{PLANNER_KEYS[name][0]} ({value / PLANNER_KEYS[name][1]:.6g})"
         for name, value in values_of(planner).items()
@@ -108,7 +106,7 @@ def with_settings(planner: ControllerPlanner, stated: PlannerSettings) -> Contro
     step = planner.dwell_step if stated.dwell_step is None else stated.dwell_step
     if isinstance(planner, RoundedPath):
         tolerance = planner.tolerance if stated.path_tolerance is None else stated.path_tolerance
-        return RoundedPath(tolerance=tolerance, dwell_step=step)
+        return replace(planner, tolerance=tolerance, dwell_step=step)
     corner, chords = _corner(planner.corner, stated), _chords(planner.chords, stated)
     return replace(planner, corner=corner, chords=chords, dwell_step=step)
 

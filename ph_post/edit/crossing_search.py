@@ -225,7 +225,7 @@ class CrossingSearch:
         shape = crossing_shape(axis, first, rounding)
         if isinstance(self._planner, ExactPath):
             return shape
-        allowed = tolerances(self._program, self._planner.tolerance)
+        allowed = tolerances(self._program, self._planner)
         return shape_in_steps(shape, axis, self._machine.servo_period, min(allowed[allowed > 0.0], default=math.inf))
 
     def moves(self, column: int, low: int, high: int) -> IntArray:
@@ -406,7 +406,7 @@ class CrossingSearch:
         """
         if isinstance(self._planner, ExactPath):
             return np.zeros(motion.size)
-        allowed = np.maximum(tolerances(self._program, self._planner.tolerance)[motion], 0.0)
+        allowed = np.maximum(tolerances(self._program, self._planner)[motion], 0.0)
         passed = spots.rows[:, PASSED] / np.maximum(spots.feed, LEAST_FEED)
         known = spots.at == spots.rest[:, 0]
         angle = np.where(known, np.arccos(np.clip(passed, -1.0, 1.0)), BLEND_ANGLE)

@@ -195,15 +195,19 @@ G_EFFECT, M_EFFECT = np.zeros(1000, np.int8), np.zeros(1000, np.int8)
 """Effects of G words, by ten times their number, and of M words; of the others (0) on the axes.
 
 Haas, Mill Operator's Manual (G-codes, M-codes): G09 exact stop is a setting; M10 and M11 clamp and
-release rotary axes, M41 to M44 are gears, M88 and M89 coolant through the spindle; G65 calls a macro, M97 a
-subprogram of the same file. FANUC B-64484EN: G65 to G67, M198 and M96 call macros and subprograms. Mach3, "Mach3 G and
+release rotary axes, M31 and M33 run the chip conveyor, M34 and M35 turn the coolant nozzle, M41 to M44 are gears,
+M59 and M69 relays, M83 is the air gun, M88 and M89 coolant through the spindle; G65 calls a macro, M97 a subprogram
+of the same file. FANUC B-64484EN: G65 to G67, M198 and M96 call macros and subprograms, M29 readies the spindle for
+rigid tapping. Mach3, "Mach3 G and
 M code reference": M47 begins the program anew. Temperatures, fans and messages of printer firmware (Marlin,
 `src/gcode/gcode.cpp`: M104 to M109, M117, M140, M190) are on LinuxCNC a user's own programs, which its interpreter
 takes to move nothing ("User Defined Commands M100 to M199"), and on Grbl refused.
 """
 G_EFFECT[90] = STAYS
 G_EFFECT[[650, 660, 661, 670]] = CALLS
-M_EFFECT[[10, 11, 41, 42, 43, 44, 88, 89, 104, 105, 106, 107, 108, 109, 117, 140, 190]] = STAYS
+M_EFFECT[
+    [10, 11, 29, 31, 33, 34, 35, 41, 42, 43, 44, 59, 69, 83, 88, 89, 104, 105, 106, 107, 108, 109, 117, 140, 190]
+] = STAYS
 M_EFFECT[[47, 96, 97, 198]] = CALLS
 TAKES_AXES = (GROUP < 0) | (GROUP == 0) | (GROUP == 17)
 TAKES_AXES[[431, 432, 530]] = True, True, False

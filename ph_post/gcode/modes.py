@@ -171,7 +171,7 @@ def _setting(group: int, code: int) -> Any:
 
 @inner
 def _apply_m(value: Any, codes: Any, count: int, values: Any, present: int, state: Any) -> Any:
-    """Set the groups of a block's M words: why not understood, breaks, its fault, word."""
+    """Set the groups of a block's M words: why it is not understood, its breaks, its fault, and the word."""
     why, mark, seen, coolant, fault, place = 0, 0, 0, 0, 0, -1
     for k in range(count):
         word = codes[1, k]

@@ -136,11 +136,12 @@ class ExactPath(msgspec.Struct, frozen=True, kw_only=True):
 class RoundedPath(msgspec.Struct, frozen=True, kw_only=True):
     """A planner that rounds corners, as LinuxCNC's.
 
-    `tolerance` [m] is how far where a program says nothing, 0 for as far as it likes. `dwell_step` [s] as
-    :class:`ExactPath`.
+    `tolerance` [m] is how far where a program says nothing, 0 for as far as it likes; with `bounded` no farther
+    under G64 without P too. `dwell_step` [s] as :class:`ExactPath`.
     """
 
     tolerance: float = 0.0
+    bounded: bool = False
     dwell_step: float = 0.0
 
     def dwell(self, seconds: Array) -> Array:

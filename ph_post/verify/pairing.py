@@ -203,15 +203,14 @@ def _find_approaches(
 
 
 def _first_of_all(motions: Motions, change: PlaceArray, jog: BoolArray) -> BoolArray:
-    """Mask (k,) of the jogs that begin their changes, of axes that have not moved in their chains before.
+    """Mask (k,) of the jogs that begin their changes, of axes that have not moved from a known place in their chains.
 
     On which side such an axis begins nobody knows; on the wrong one the original is no nearer to the path.
     """
     leading = jog & (np.maximum.accumulate(np.where(jog, -1, np.arange(jog.size))) < _begins(change))
     begins, found = _begins(motions.chain), np.zeros(jog.size, dtype=bool)
     for axis in range(len(AXES)):
-        end = motions.end[:, axis]
-        way = ~np.isnan(end) & ~(np.abs(end - motions.start[:, axis]) <= EXACT)
+        way = np.abs(motions.end[:, axis] - motions.start[:, axis]) > EXACT
         moved = np.append(0, np.cumsum(way))
         found |= leading & way & (moved[:-1] == moved[begins])
     return found

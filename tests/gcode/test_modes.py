@@ -101,6 +101,16 @@ def test_inches_are_inches():
     np.testing.assert_allclose(read("G20 G1 X1 Y-0.5\n").motions.end[1], [0.0254, -0.0127, 0.0], rtol=1e-15)
 
 
+@pytest.mark.parametrize("words", ["M106 S255", "M10 P1", "M41", "G9", "M31", "M29 S500"])
+def test_a_word_that_moves_nothing_ends_no_chain(words):
+    program = read(f"G1 X1\n{words}\nG91 G1 X7\n")
+    assert [one.kind for one in program.breaks] == ["beginning", "end"]
+    assert program.motions.chain.tolist() == [0, 0, 0]
+    assert program.motions.end[-1].tolist() == [8e-3, 0.0, 0.0]
+    (note,) = program.notes
+    assert note.what == f"{words[0]} word of other controllers, which moves nothing: {words.split()[0]}"
+
+
 @pytest.mark.parametrize(
     ("words", "kind", "lost"),
     [
@@ -133,7 +143,6 @@ def test_inches_are_inches():
         ("G81 X1 Z-5 R1", "not understood", "XYZ"),
         ("G1 X#5", "not understood", "XYZ"),
         ("M98 P5", "not understood", "XYZ"),
-        ("M106", "not understood", ""),
         ("G9 G1 Y0", "not understood", ""),
         ("M150", "not understood", "XYZ"),
         ("G187", "not understood", "XYZ"),

@@ -40,7 +40,6 @@ def notes(program):
         ("G-810 X1\n", [(2, 2, 1, "unknown G word: G-810")]),
         ("G1.05\nG100\n", [(2, 3, 1, "unknown G word: G1.05")]),
         ("M3 M150 S5\n", [(2, 2, 4, "unknown M word: M150")]),
-        ("M3 M106 S5\n", [(2, 2, 4, f"M word{OTHERS}: M106")]),
         ("G9 G1 X5\n", [(2, 2, 1, f"G word{OTHERS}: G9")]),
         ("G65 P1\n", [(2, 2, 1, "subprogram: G65")]),
         ("M97 P1\n", [(2, 2, 1, "subprogram: M97")]),

@@ -29,6 +29,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.dialects.base import (
+    BUILT_PATH,
     PRECONDITIONS,
     Abilities,
     CubicAbility,
@@ -166,6 +167,7 @@ DIALECT = Dialect(
     notices=Notices(
         assumed=(PRECONDITIONS, end_remark("M30"), "the program number may be taken: change it"),
     ),
+    planner=BUILT_PATH,
     writer=FanucLines,
     ending=".nc",
     variants=_VARIANTS,

@@ -35,7 +35,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from ph_post.dialects.base import Abilities, Dialect, DwellWords, Notices, NumberFormat, Syntax, end_remark
+from ph_post.dialects.base import BUILT_PATH, Abilities, Dialect, DwellWords, Notices, NumberFormat, Syntax, end_remark
 from ph_post.dialects.heidenhain.iso import read_tnc_iso
 from ph_post.dialects.heidenhain.klartext import read_klartext
 from ph_post.dialects.heidenhain.table import KlartextSpelling
@@ -194,6 +194,7 @@ DIALECT = Dialect(
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=8, feed_decimals=_FEED_DECIMALS, plus=True),
     language=_CONVERSATIONAL,
     notices=Notices(assumed=_ASSUMED),
+    planner=BUILT_PATH,
     writer=KlartextLines,
     ending=".h",
     variants={"tolerance": partial(_with_path_mode, path_mode=_cycle_32)},

@@ -32,7 +32,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from ph_post.dialects.base import Abilities, Dialect, DwellWords, Notices, NumberFormat, Syntax, end_remark
+from ph_post.dialects.base import BUILT_PATH, Abilities, Dialect, DwellWords, Notices, NumberFormat, Syntax, end_remark
 from ph_post.dialects.lines import LineWriter
 from ph_post.dialects.siemens.reader import read_siemens
 from ph_post.dialects.siemens.table import whole_word
@@ -166,6 +166,7 @@ DIALECT = Dialect(
             end_remark("M30"),
         ),
     ),
+    planner=BUILT_PATH,
     writer=SiemensLines,
     ending=".mpf",
 )

@@ -63,7 +63,7 @@ def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect)
     remedy = dialect.syntax.path_mode
     if not isinstance(planner, RoundedPath) or remedy is None or not gaps.any() or program.motions.kind.size < 2:
         return []
-    rounded, moves = corner_rounding(program, machine, tolerances(program, planner.tolerance))
+    rounded, moves = corner_rounding(program, machine, tolerances(program, planner))
     backlash = np.where(moves & (gaps > 0.0), gaps, math.inf).min(axis=1)
     words = program.words
     modes = words.block[(words.letter == ord("G")) & np.isin(words.value, _MODES)]

@@ -147,7 +147,7 @@ def moves_of(program: PartProgram, limits: Array, planner: RoundedPath | None = 
     """
     legs = programmed(program, limits)
     if planner is not None:
-        legs.tolerance[:] = tolerances(program, planner.tolerance)[legs.motion.astype(np.int64)]
+        legs.tolerance[:] = tolerances(program, planner)[legs.motion.astype(np.int64)]
         legs.pause[:] = planner.dwell(legs.pause)
     return _with_length(_linked(legs, program, limits, 0.0 if planner is None else planner.tolerance))
 
@@ -290,13 +290,19 @@ def _put_feeds(legs: Legs, program: PartProgram) -> None:
     legs.speed[:] = np.where(free, legs.most, np.minimum(feed, legs.most))
 
 
-def tolerances(program: PartProgram, otherwise: float = 0.0) -> Array:
+_UNBOUNDED: Final = RoundedPath()
+
+
+def tolerances(program: PartProgram, planner: RoundedPath = _UNBOUNDED) -> Array:
     """Return the rounding allowed at the corner behind each motion [m], see :func:`tolerance_of`.
 
-    Where the program names no path mode, it is `otherwise` [m].
+    Where the program names no path mode, it is that of the planner.
     """
-    modes = [otherwise if state.path is None else tolerance_of(state.path, state.units) for state in program.modal]
-    found = np.array(modes or [otherwise])
+    own = {None, "G64"} if planner.bounded else {None}
+    modes = [
+        planner.tolerance if state.path in own else tolerance_of(state.path, state.units) for state in program.modal
+    ]
+    found = np.array(modes or [planner.tolerance])
     if not program.motions.block.size:
         return np.zeros(0)
     return np.asarray(found[program.state[program.motions.block]])
