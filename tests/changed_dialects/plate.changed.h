@@ -25,7 +25,7 @@ L F500
 6 L Z+2 R0 FMAX M8
 7 L Z-2 F200
 8 CC X+0 Y+0
-; ph-post: +28 -5 crossing Y+, crossing X-, crossing Y-, crossing X+
+; ph-post: +29 -5 crossing Y+, crossing X-, crossing Y-, crossing X+
 9 CC X+0.03 Y-0.04
 C X-0.5098 Y-20.0327 DR+ F1200
 L X-0.2055 Y-20.0409 F1199
@@ -49,7 +49,8 @@ L X-0.2655 Y+19.9609 F905.3
 L X-0.5698 Y+19.9527 F1199
 CC X-0.03 Y-0.04
 C X-20.03 Y-0.04 DR+ F1200
-13 L X-21.1614 Y+0.04 R0 F1202
+13 L X-20.15 R0
+L X-21.2814 Y+0.04 F1202
 L X-30.03 F1200
 L X-29.97 F232.3
 CC X+0 Y+0

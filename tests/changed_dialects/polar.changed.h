@@ -42,8 +42,9 @@ L Y+0.96 F240
 24 CP IPA+90 DR+ F56.5
 25 CC  X+283.72  Y-28.54
 26 CP IPA-90 DR- FQ52
-; ph-post: +2 -1 crossing Y+
-27 L X+283.5296 Y-33.46 F217.3
+; ph-post: +3 -1 crossing Y+
+27 L X+283.6057 Y-33.54
+L X+283.4153 Y-33.46 F217.3
 L X+263.47 Y-33.46 FQ52
 28 CC  X+263.5  Y-28.5
 ; ph-post: +11 -1 crossing X+, crossing Y-
@@ -60,8 +61,9 @@ CC X+263.5 Y-28.5
 L FQ52
 30 L  X+263.03  Y-50.54
 31 L  Y-52.54
-; ph-post: +2 -1 crossing Y+
-32 L X+263.2204 Y-52.46 F217.3
+; ph-post: +3 -1 crossing Y+
+32 L X+263.06
+L X+263.2504 Y-52.46 F217.3
 L X+302.03 FQ52
 33 CC  X+302  Y-40
 ; ph-post: +25 -1 crossing X-, crossing Y-, crossing X+, crossing Y+
