@@ -269,7 +269,20 @@ class ReversalSearch:
                 if why and self.open[name][number]:
                     self.give_up(name, number, why)
                     found = True
-            found |= self._unknown_sides(name, rows)
+            found |= self._unknown_sides(name, rows) | self._unwritable(name, rows)
+        return found
+
+    def _unwritable(self, name: str, rows: Array) -> bool:
+        """Give up sections whose first line goes over to G91: no word before could shift an axis of unknown place."""
+        program, found = self.program, False
+        heads = np.isin(rows[:, MOTION], self._whole) & (rows[:, SHARE] == 0.0)
+        for motion, section in rows[heads][:, [MOTION, CHAIN]].astype(np.int64).tolist():
+            block = int(program.motions.block[motion])
+            turned = program.modal_after(block - 1).absolute and not program.modal_after(block).absolute
+            if turned and self.open[name][section]:
+                why = f"line {block + 1} goes over to G91 from where its position may not be known"
+                self.give_up(name, section, why)
+                found = True
         return found
 
     def _unknown_sides(self, name: str, rows: Array) -> bool:
