@@ -104,7 +104,13 @@ class FanucBlocks:
         self, text: str, words: Sequence[MacroWord], comments: Sequence[str], *, optional: bool, same: bool
     ) -> None:
         """Run a block of a `text`, which can be kept where it is the `same` as its words."""
-        codes = [round(10.0 * word.value) for word in words if word.letters == "g" and not math.isnan(word.value)]
+        if any(word.letters in "gm" and math.isnan(word.value) for word in words):
+            if self.begun is not None:
+                raise NotExpandableError("a G or an M without its number")
+            self.machine.forget()
+            self._keep(text, words, comments, slash="/" * optional, same=same)
+            return
+        codes = [round(10.0 * word.value) for word in words if word.letters == "g"]
         orders = [round(word.value) for word in words if word.letters == "m"]
         values = {word.letters: word.value for word in words if word.letters not in "gmno"}
         if optional:
@@ -134,14 +140,19 @@ class FanucBlocks:
             obeyed = _OTHER_ARC[motion] if motion in _ARCS and self._mirrors else motion
             begins = [f"G{obeyed // 10}"] if obeyed != self._moves_by and motion not in codes else []
             self._moves_by = obeyed
-        if self._frame is not None and moves and (motion in _ARCS or self._frame.moved & set(values)):
+        if self._frame is not None and moves and (motion in _ARCS or self._moved & set(values)):
             self._put([*begins, *self._turned(words, motion, start, values), *comments])
         elif changed or begins:
             self._put([*begins, *self._plain(words), *comments])
         else:
             self._keep(text, words, comments, slash="", same=same)
+            self._written.update({axis: self.machine.place[axis] for axis in AXES if axis not in self._moved})
         if self._frame is None and not self._unsettled and self._cycle <= 0:
             self.begun = None
+
+    @property
+    def _moved(self) -> frozenset[str]:
+        return frozenset() if self._frame is None else self._frame.moved
 
     @property
     def _mirrors(self) -> bool:
@@ -305,8 +316,9 @@ class FanucBlocks:
             named = {axis for axis in AXES if axis in values}
             if found != frame.ends or named != (set(frame.factors) if found == 501 else set()):
                 raise NotExpandableError("the end of a frame that is not the one in force, or beside a motion")
-            # The place is told without the frame from here on.
+            # The place is told without the frame from here on; axes that were not moved in it are where they were.
             self.machine.place = frame.apply(self.machine.place)
+            self.machine.place.update({axis: self._written[axis] for axis in self._unsettled})
             self._unsettled, self._frame = set(frame.moved), None
             return True
         if frame is not None:
@@ -398,7 +410,7 @@ class FanucBlocks:
                     raise NotExpandableError("a place that is not known in turned, scaled or mirrored coordinates")
                 step = self._written[axis] - had[axis]
                 texts.append(text if machine.absolute else word_text(axis, step, places))
-        if motion in _ARCS and {"i", "j", "k", "r"} & set(values):
+        if motion in _ARCS:
             texts += self._circle(values, begun, had, places)
         return texts
 
@@ -407,6 +419,8 @@ class FanucBlocks:
         frame = self._frame
         assert frame is not None
         share = frame.radius()
+        if not {"i", "j", "k", "r"} & set(values):
+            raise NotExpandableError("an arc without centre and radius")
         if "r" in values:
             return [word_text("r", values["r"] * share, places)]
         along = {axis: values.get(letter, 0.0) for axis, letter in zip("xyz", "ijk", strict=True)}
