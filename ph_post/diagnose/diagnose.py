@@ -20,7 +20,6 @@ from ph_post.diagnose.findings import AxisDiagnosis, findings_of, fit_chosen_mod
 from ph_post.diagnose.fit import base_model, residuals_of
 from ph_post.diagnose.search import has_structure
 from ph_post.diagnose.selection import choose
-from ph_post.drive.axes import refuse_cascades
 from ph_post.identify.excerpt import excerpt
 from ph_post.identify.free_run import AxisProblem, pooled_noise, problem_of
 from ph_post.identify.log_quality import examine
@@ -61,7 +60,6 @@ def diagnose(log: Log, machine: Machine, progress: Progress = no_progress) -> Di
     -------
     Diagnosis
     """
-    refuse_cascades(machine, log.axes, "diagnose")
     progress("checking the log")
     log = excerpt(log, machine)
     quality = examine(log, machine)

@@ -18,11 +18,13 @@ from ph_post.diagnose.residual_features import is_structured
 from ph_post.diagnose.residual_places import locate, spectral_line
 from ph_post.diagnose.search import has_structure, without_part
 from ph_post.diagnose.sentences import best_phrase, length
+from ph_post.drive.plant import base_value
 from ph_post.identify.free_run import ObservedChannel, correlation_inflation, mean_square, residuals
 from ph_post.identify.linear_drive import AxisMotion, motion_of
 from ph_post.testprograms.experiments import next_experiment
 from ph_post.types import Array, Log, Machine
 from ph_post.types.diagnosis import Channel, Experiment, Finding, LogQuality, ResidualPlace, Verdict
+from ph_post.units import MS
 
 MOVED: Final = 0.5
 """Standard errors of the file by which a base value must have moved to be named."""
@@ -151,8 +153,12 @@ def _moved(outcome: AxisDiagnosis) -> Iterator[str]:
     model, said = outcome.fitted.model, []
     for k in model.free:
         prior, off = model.priors[k], model.off[k]
-        if abs(off) >= MOVED:
-            name, word = FIELDS.get(prior.field, prior.field), "larger" if off > 0.0 else "smaller"
+        if prior.least > prior.error * base_value(outcome.problem.plant, prior.field):
+            if abs(off) > 1.0:
+                late = prior.moved(0.0, off) / MS
+                said.append(f"{prior.field.replace('_', ' ')} is {abs(late):.2g} ms {'more' if late > 0.0 else 'less'}")
+        elif abs(off) >= MOVED:
+            name, word = FIELDS.get(prior.field, prior.field.replace("_", " ")), "larger" if off > 0.0 else "smaller"
             file = f"{100.0 * prior.error:g} % of the file"
             far = f"within the {file}" if abs(off) <= 1.0 else f"{abs(off):.2g} times the {file}"
             said.append(f"{name} is {100.0 * prior.error * abs(off):.2g} % {word}, {far}")

@@ -19,6 +19,7 @@ from ph_post.diagnose.sides import SidesGap, gap_between
 from ph_post.drive.axes import backlash_varies
 from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
+from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, FITTED, cascade_values
 from ph_post.identify.estimates import KEYS, relative_uncertainty, with_keys
 from ph_post.identify.free_run import AxisProblem, mean_square, predict, residuals
 from ph_post.quantities import micrometres
@@ -32,9 +33,17 @@ MOVED: Final = 0.1
 DERIVED: Final = {"difference": "plus"}
 """Values that follow from the others, and whose unit they have; a machine file does not hold them."""
 
-_SHOP: Final = {"lost_motion": ("mm", MM), "b": ("s²", 1.0), "c": ("s", 1.0)}
-"""Unit and its size of those numbers."""
+_SHOP: Final = {
+    **{name: (one.unit, one.size) for name, one in CASCADE_NUMBERS.items()},
+    "lost_motion": ("mm", MM),
+    "b": ("s²", 1.0),
+    "c": ("s", 1.0),
+}
+"""Unit and its size of numbers of the axis itself."""
 
+
+GAINS: Final = {CASCADE_NUMBERS[name].field: name for name in FITTED}
+"""Names of what is fitted of a cascade, by its fields."""
 
 LEFT: Final = 2.0
 """Times the noise above which what is left at the end is looked at."""
@@ -255,14 +264,21 @@ def _estimates(outcome: AxisDiagnosis, found: FittedEffect) -> dict[str, Estimat
                 unit, size = parameter.unit.symbol or "1", scale
         stderr = error / size if math.isfinite(error) else None
         estimates[gives] = Estimate(value=value / size, stderr=stderr, unit=unit)
-    return _leading_first(name, estimates)
+    return _leading_first(outcome, name, estimates)
 
 
-def _leading_first(name: str, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
-    """Of b and c put the one first that is known better to be off; others are in order already."""
+def _leading_first(outcome: AxisDiagnosis, name: str, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
+    """Of a servo's numbers put the one first that is known best to be off; others are in order already."""
     if name != "servo_mismatch":
         return estimates
-    return dict(sorted(estimates.items(), key=lambda one: (one[1].stderr or 0.0) / abs(one[1].value)))
+    cascade = outcome.problem.plant.cascade
+    filed = {} if cascade is None else cascade_values(cascade)
+
+    def doubt(one: tuple[str, Estimate]) -> float:
+        key, found = one
+        return (found.stderr or 0.0) / max(abs(found.value - filed.get(key, 0.0)), 1e-300)
+
+    return dict(sorted(estimates.items(), key=doubt))
 
 
 def _setting(outcome: AxisDiagnosis, found: FittedEffect) -> EffectSetting | None:
@@ -298,8 +314,14 @@ def _prior_keys(outcome: AxisDiagnosis) -> dict[str, float]:
         factor = 1.0 + prior.error * model.off[k]
         if abs(model.off[k]) < MOVED:
             continue
-        if prior.field in ("b", "c"):
+        if prior.field in ("b", "c") and axis.servo.cascade is None:
             keys[prior.field] = float(f"{getattr(axis.servo, prior.field) * factor:.7g}")
+        elif prior.field in GAINS and axis.servo.cascade is not None:
+            name = GAINS[prior.field]
+            value = max(prior.moved(getattr(axis.servo.cascade, prior.field), model.off[k]), 0.0)
+            moved = CASCADE_NUMBERS[name].of(replace(axis.servo.cascade, **{prior.field: value}))
+            if moved is not None:
+                keys[KEYS[name]] = float(f"{moved / CASCADE_NUMBERS[name].size:.7g}")
         elif prior.field == "gap":
             keys["lost_motion_mm"] = float(f"{axis.gap.lost_motion * factor / MM:.7g}")
         elif prior.field == "eta" and axis.gap.inertia_fraction is not None:

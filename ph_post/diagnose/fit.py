@@ -16,7 +16,8 @@ from msgspec.structs import replace
 from scipy.optimize import least_squares
 
 from ph_post.diagnose.hypotheses.base import Hypothesis, HypothesisNumber, Numbers
-from ph_post.drive.plant import Plant
+from ph_post.drive.plant import Plant, base_value, with_base_value
+from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, FITTED
 from ph_post.identify.errors import block_covariance, blocks_of, samples_as_one
 from ph_post.identify.free_run import (
     PRIOR,
@@ -48,11 +49,20 @@ FIRST: Final = 1e-4
 """The same of a fit that is only looked at."""
 
 
+LEAST: Final = {"dead_time": 2e-5}
+"""Least standard error of base values that may be 0: command and reading are not sampled at the same instant [s]."""
+
+
 class Prior(msgspec.Struct, frozen=True, kw_only=True):
-    """A base value of the file: the field of the plant, and its relative standard error."""
+    """A base value of the file: the field of the plant, its relative standard error, and the `least` error [SI]."""
 
     field: str
     error: float = PRIOR
+    least: float = 0.0
+
+    def moved(self, value: float, off: float) -> float:
+        """Return a value that is off by so many standard errors."""
+        return value + self.least * off if self.least > self.error * value else value * (1.0 + self.error * off)
 
 
 class ModelPart(msgspec.Struct, frozen=True, kw_only=True):
@@ -94,12 +104,10 @@ def plant_at(problem: AxisProblem, model: Model) -> Plant:
     """Return the plant that a model describes."""
     plant = problem.plant
     held = set(model.free)
-    off = {
-        prior.field: getattr(plant, prior.field) * (1.0 + prior.error * model.off[k])
-        for k, prior in enumerate(model.priors)
-        if k in held
-    }
-    plant = replace(plant, **off)
+    for k, prior in enumerate(model.priors):
+        if k in held:
+            value = prior.moved(base_value(plant, prior.field), model.off[k])
+            plant = with_base_value(plant, prior.field, value)
     for part in model.parts:
         plant = part.hypothesis.apply(plant, part.numbers)
     return plant
@@ -108,10 +116,15 @@ def plant_at(problem: AxisProblem, model: Model) -> Plant:
 def base_model(problem: AxisProblem) -> Model:
     """Return the model of the file as it is; what does not show on this loop has no prior."""
     plant = problem.plant
-    fields = ["b", "c"]
+    gains = [CASCADE_NUMBERS[name].field for name in FITTED]
+    fields = ["b", "c"] if plant.cascade is None else [*gains, "c"]
     if plant.gap > 0.0:
         fields += ["gap", "eta", "beta"] if plant.loop.encloses_backlash else ["gap"]
-    priors = tuple(Prior(field=field) for field in fields if getattr(plant, field) > 0.0)
+    priors = tuple(
+        Prior(field=field, least=LEAST.get(field, 0.0))
+        for field in fields
+        if base_value(plant, field) > 0.0 or field in LEAST
+    )
     return Model(priors=priors, off=(0.0,) * len(priors))
 
 

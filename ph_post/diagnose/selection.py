@@ -158,7 +158,7 @@ def _simplest(problem: AxisProblem, worthy: Sequence[ScoredHypothesis]) -> Score
     """Return the best, or in its stead a special case of it that is as good."""
     best = worthy[0]
     margin = EQUAL if at_floor(problem, best.fitted) else max(EQUAL, LOYAL * best.score)
-    special = (one for one in worthy if one.hypothesis.name in best.hypothesis.within)
+    special = (one for one in worthy if one is not best and one.hypothesis.name in best.hypothesis.within)
     return next((one for one in special if one.score > best.score - margin), best)
 
 

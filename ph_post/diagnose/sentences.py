@@ -56,6 +56,7 @@ PLACES: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
         "everywhere in proportion to the position of the other axis",
     ),
     "servo_mismatch": (("speed", "acceleration"), "wherever {axis} moves"),
+    "command_filter": (("acceleration", "speed"), "wherever {axis} begins or ends a motion"),
     "transport_delay": (("speed",), "wherever {axis} moves"),
     "torque_saturation": (("acceleration", "speed", "reversal"), "where {axis} accelerates most"),
     "cogging": (("period", "speed"), "all along {axis}, again and again"),

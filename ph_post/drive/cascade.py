@@ -92,6 +92,33 @@ def arriving(cascade: Cascade, command: Array, slope: float, period: float) -> A
     return Arriving(position, np.diff(np.concatenate([[before], position, [behind]]), 2) / period**2)
 
 
+def torque_of_motion(cascade: Cascade, command: Array, place: Array, speed: Array, period: float) -> Array:
+    """Return what a cascade gives by a motion, as F/K, shape (n,) [m]; it begins with an empty integrator.
+
+    Parameters
+    ----------
+    cascade : Cascade
+    command : Array, shape (n,)
+        As it was sent [m].
+    place, speed : Array, shape (n,)
+        Of the sides that its loops see [m, m/s].
+    period : float
+        [s].
+    """
+    sent = arriving(cascade, command, 0.0, period)
+    off = sent.position - place
+    off = off - np.clip(off, -cascade.deadband, cascade.deadband)
+    asked = cascade.velocity_feedforward * np.gradient(sent.position, period) - speed
+    torque = np.zeros_like(off)
+    if sent.acceleration.size:
+        asked += cascade.acceleration_lead * sent.acceleration
+        inertia = 1.0 / (cascade.velocity_gain * cascade.position_gain)
+        torque = cascade.acceleration_feedforward * inertia * sent.acceleration
+    asked = off + asked / cascade.position_gain
+    given = asked + cascade.integral_rate * period * np.cumsum(asked) + torque
+    return _smoothed(given, cascade.current_time / period)
+
+
 def _late(off: Array, samples: float) -> Array:
     """Delay what was 0 before the first sample."""
     if samples == 0.0:
@@ -181,15 +208,18 @@ def is_stable(servo: Servo) -> bool:
     return bool(np.all(poles(servo).real < 0.0))
 
 
+def with_cascade(servo: Servo, cascade: Cascade) -> Servo:
+    """Return a servo with other gains: the axis' own damping in 1/s stays what it is."""
+    b = 1.0 / (cascade.velocity_gain * cascade.position_gain)
+    return replace(servo, b=b, c=servo.damping / servo.b * b + 1.0 / cascade.position_gain, cascade=cascade)
+
+
 def most_position_gain(servo: Servo) -> float:
     """Return the position gain below which a cascade settles, all else left as it is [1/s]; 0 where none is."""
     assert servo.cascade is not None
-    damped = servo.damping / servo.b
     most = 0.0
     for gain in np.geomspace(1e-3, 1.0, 601) * servo.cascade.position_gain:
-        b = 1.0 / (servo.cascade.velocity_gain * gain)
-        slower = replace(servo, b=b, c=damped * b + 1.0 / gain, cascade=replace(servo.cascade, position_gain=gain))
-        if not is_stable(slower):
+        if not is_stable(with_cascade(servo, replace(servo.cascade, position_gain=gain))):
             break
         most = float(gain)
     return most
@@ -267,6 +297,37 @@ def loop_response(servo: Servo, omega: Array) -> ComplexArray:
     return np.asarray(filter_response(servo.cascade, omega) / (1.0 + s * asked / given))
 
 
+class LoopPolynomials(NamedTuple):
+    """A loop as polynomials in s, highest power first: taken(s) x = given(s) X - resisted(s) f, f a force on it [m]."""
+
+    given: Array
+    taken: Array
+    resisted: Array
+
+
+def loop_polynomials(servo: Servo) -> LoopPolynomials:
+    """Return a loop while motor and table move as one, a cascade's behind dead time and filters of its command.
+
+    Of a single loop that is 1 / (b s² + c s + 1): its integral and derivative gains do not count.
+    """
+    cascade = servo.cascade
+    if cascade is None:
+        taken = np.array([servo.b, servo.c, 1.0] if servo.b > 0.0 else [servo.c, 1.0])
+        return LoopPolynomials(np.ones(1), taken, np.ones(1))
+    tau = 1.0 / cascade.position_gain
+    forward = np.array([tau * cascade.acceleration_lead, tau * cascade.velocity_feedforward, 1.0])
+    torque = np.array([cascade.acceleration_feedforward * servo.b, 0.0, 0.0])
+    late = np.array([cascade.current_time, 1.0])
+    moving = np.polymul(late, [servo.b, servo.damping, 0.0])
+    seen = np.array([tau, 1.0])
+    if cascade.integral_rate:
+        integrating = np.array([1.0, cascade.integral_rate])
+        forward, torque = np.polymul(integrating, forward), np.append(torque, 0.0)
+        moving, seen, late = np.append(moving, 0.0), np.polymul(integrating, seen), np.append(late, 0.0)
+    sums = (np.polyadd(*rows) for rows in ((forward, torque), (moving, seen)))
+    return LoopPolynomials(*(np.trim_zeros(one, "f") for one in (*sums, late)))
+
+
 def way_of_motor(servo: Servo, command: Array, period: float) -> Array:
     """Return the way of a motor from rest, without friction, under a command that is linear between samples [m], (n,).
 
@@ -275,20 +336,9 @@ def way_of_motor(servo: Servo, command: Array, period: float) -> Array:
     from scipy.signal import lsim
 
     t = np.linspace(0.0, period * (command.size - 1), command.size)
-    cascade = servo.cascade
-    if cascade is None:
-        return np.asarray(lsim(([1.0], [servo.b, servo.c, 1.0] if servo.b > 0.0 else [servo.c, 1.0]), command, t)[1])
-    tau = 1.0 / cascade.position_gain
-    forward = np.array([tau * cascade.acceleration_lead, tau * cascade.velocity_feedforward, 1.0])
-    torque = np.array([cascade.acceleration_feedforward * servo.b, 0.0, 0.0])
-    moving = np.polymul([cascade.current_time, 1.0], [servo.b, servo.damping, 0.0])
-    seen = np.array([tau, 1.0])
-    if cascade.integral_rate:
-        integrating = np.array([1.0, cascade.integral_rate])
-        forward, torque = np.polymul(integrating, forward), np.append(torque, 0.0)
-        moving, seen = np.append(moving, 0.0), np.polymul(integrating, seen)
-    given, taken = (np.trim_zeros(np.polyadd(*rows), "f") for rows in ((forward, torque), (moving, seen)))
-    return np.asarray(lsim((given, taken), arriving(cascade, command, 0.0, period).position, t)[1])
+    loop = loop_polynomials(servo)
+    sent = command if servo.cascade is None else arriving(servo.cascade, command, 0.0, period).position
+    return np.asarray(lsim((loop.given, loop.taken), sent, t)[1])
 
 
 def _sums(cascade: Cascade, s: ComplexArray) -> ComplexArray:

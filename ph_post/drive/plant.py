@@ -155,6 +155,28 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
         return LOOPS[self.feedback]
 
 
+def base_value(plant: Plant, name: str) -> float:
+    """Return a number of a plant, or of its cascade, by the name of its field."""
+    return float(getattr(plant if name in Plant.__struct_fields__ else plant.cascade, name))
+
+
+def with_base_value(plant: Plant, name: str, value: float) -> Plant:
+    """Return a plant with another number of its own, or of its cascade: b follows the gains, and the damping b.
+
+    Examples
+    --------
+    >>> plant = Plant(feedback="motor", b=1e-4, c=1e-3, cascade=Cascade(position_gain=50.0, velocity_gain=200.0))
+    >>> with_base_value(plant, "position_gain", 25.0).b
+    0.0002
+    """
+    if name in Plant.__struct_fields__:
+        return replace(plant, **{name: value})
+    assert plant.cascade is not None
+    cascade = replace(plant.cascade, **{name: value})
+    b = 1.0 / (cascade.velocity_gain * cascade.position_gain)
+    return replace(plant, cascade=cascade, b=b, c=plant.c * (b / plant.b))
+
+
 def force_on(plant: Plant, t: float, position: float, speed: float, direction: int) -> float:
     """Return what the `forces` of a plant add up to, F/K [m]."""
     return sum(force(t, position, speed, direction) for force in plant.forces)

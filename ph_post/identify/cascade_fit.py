@@ -1,7 +1,8 @@
 """Fit of a cascade to a log, where a single loop leaves more than it: by what is predicted on held-out samples.
 
 Fitted are K_v, ω_v and T_n, the weight of the velocity feed-forward and the dead time of the command, then the backlash
-as with a single loop. A current loop and filters of the command hide in the dead time, as far as a log shows no more.
+as with a single loop. A current loop, further feed-forward and filters of the command are looked for where too much is
+left; as far as a log shows no more they hide in the dead time.
 """
 
 from __future__ import annotations
@@ -15,25 +16,65 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.drive.cascade import is_stable
-from ph_post.drive.plant import Plant
+from ph_post.drive.plant import Plant, base_value, with_base_value
+from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, FITTED, with_cascade_values
 from ph_post.identify.drive_fit import (
+    EARNS,
+    MAY_BE_NONE,
     BacklashVerdict,
     DriveFit,
     decide_backlash,
     fit_drive,
+    free_number,
+    held_out_gain,
     position_rms,
     smallest_visible_backlash,
     tangent,
     why_backlash_hidden,
     with_all_samples,
 )
-from ph_post.identify.free_run import AxisProblem, residuals
+from ph_post.identify.errors import block_covariance, blocks_of, samples_as_one
+from ph_post.identify.estimates import LEAST_UNCERTAINTY, between_samples, sensitivity_of
+from ph_post.identify.free_run import AxisProblem, residuals, weighted_residuals, weights_of
 from ph_post.types import Array, Axis, AxisLog, Cascade, Servo
-from ph_post.types.diagnosis import Channel, Estimate, IdentifiedDrive, Origin, Sensitivity
-from ph_post.units import MICROMETRE, MM, MS, PERCENT
+from ph_post.types.diagnosis import Channel, Estimate, IdentifiedDrive, Origin
+from ph_post.units import MICROMETRE, MM, MS
 
-GAINS: Final = ("position_gain", "velocity_gain", "integral_rate", "velocity_feedforward", "dead_time")
-"""What is fitted of a cascade, by the names of its fields."""
+NAMES: Final = {number.field: name for name, number in CASCADE_NUMBERS.items()}
+"""Names of a cascade's numbers by its fields."""
+
+GAINS: Final = tuple(CASCADE_NUMBERS[name].field for name in FITTED)
+"""Fields that are fitted in any case."""
+
+RARE: Final = {
+    "acceleration_feedforward": 0.5,
+    "acceleration_lead": 1e-3,
+    "current_time": 0.5e-3,
+    "moving_average": 5e-3,
+    "exponential": 2e-3,
+}
+"""Fields that are fitted where too much is left without, and what they start from."""
+
+MOST_RARE: Final = 2
+"""Most of them."""
+
+FINEST: Final = {
+    "gap": 0.0,
+    "velocity_feedforward": 1e-3,
+    "dead_time": 0.02,
+    "current_time": 0.02,
+    "acceleration_lead": 0.02,
+}
+"""Least standard errors as numbers are fitted; of others it is :data:`LEAST_UNCERTAINTY`."""
+
+GAPS: Final = (2e-5, 1e-4)
+"""Backlash from which it is fitted together with gains [m]."""
+
+EARLY: Final = 0.1
+"""Part of a period from which on it is said that readings are early."""
+
+UNSEEN: Final = {"current_time": 0.3}
+"""What a cascade may have though a log shows too little of it to be fitted, as a standard error [ms]."""
 
 POSITION_GAINS: Final = (15.0, 30.0, 60.0, 120.0)
 """K_v that are tried first [1/s]."""
@@ -94,29 +135,72 @@ def leaves_much(problem: AxisProblem, left: Mapping[Channel, Array]) -> bool:
     return position_rms(problem, left, problem.counted) > CLEAN * finest_noise(problem)
 
 
+def gains_of(plant: Plant) -> tuple[str, ...]:
+    """List the numbers of a cascade that a log is fitted by; a P velocity loop has no T_n."""
+    return tuple(name for name in GAINS if name != "integral_rate" or base_value(plant, name) > 0.0)
+
+
 def fit_cascade(problem: AxisProblem) -> DriveFit | None:
-    """Fit a cascade without backlash to the fitted half of an axis; None where nothing that settles was found."""
+    """Fit a cascade without backlash to the fitted half of an axis; None where nothing that settles was found.
+
+    Its velocity loop has T_n where that predicts the other half better.
+    """
     bare = replace(problem.plant, gap=0.0, ki=0.0, kd=0.0)
     tried = [_with_gains(bare, *one) for one in product(POSITION_GAINS, WEIGHTS, RATES)]
     if bare.cascade is not None:
         tried.insert(0, bare)
     tried.sort(key=lambda one: position_rms(problem, residuals(problem, one), problem.fit))
-    fits = [fit_drive(problem, one, GAINS, rounds=2) for one in tried[:STARTS]]
+    fits = [fit_drive(problem, one, gains_of(one), rounds=2) for one in tried[:STARTS]]
     base = min(fits, key=lambda one: position_rms(problem, one.left, problem.fit))
+    if base_value(base.plant, "integral_rate") > 0.0:
+        plain = with_base_value(base.plant, "integral_rate", 0.0)
+        simple = fit_drive(problem, plain, gains_of(plain), rounds=2)
+        if held_out_gain(problem, base, simple) < EARNS:
+            base = simple
     return base if _settles(base.plant) else None
 
 
+def _with_rare(problem: AxisProblem, base: DriveFit) -> DriveFit:
+    """Add what few cascades have, the best first, where too much is left without and no more than noise with it."""
+    found = base
+    for _ in range(MOST_RARE):
+        if _is_complete(problem, found):
+            return found
+        tried = []
+        for name in (one for one in RARE if one not in found.names):
+            start = with_base_value(found.plant, name, base_value(found.plant, name) or RARE[name])
+            tried.append(fit_drive(problem, start, (*found.names, name), rounds=1))
+        best = max(tried, key=lambda one: held_out_gain(problem, one, found))
+        if held_out_gain(problem, best, found) < EARNS:
+            break
+        found = best
+    return found if _is_complete(problem, found) else base
+
+
+def _is_complete(problem: AxisProblem, fit: DriveFit) -> bool:
+    return position_rms(problem, fit.left, problem.held) <= CLEAN * finest_noise(problem)
+
+
 def with_backlash(problem: AxisProblem, base: DriveFit, axis_log: AxisLog) -> CascadeFit | None:
-    """Decide on backlash behind or in a fitted cascade, its gains held; None where it then does not settle."""
+    """Decide on backlash behind or in a fitted cascade; None where it then does not settle.
+
+    Its gains are held. Where they have given way to the backlash both are fitted, and taken if they leave noise alone.
+    """
     hidden = why_backlash_hidden(problem, axis_log)
     verdict, best = BacklashVerdict(None, None, (hidden,)), base
     if not hidden:
         verdict = decide_backlash(problem, tangent(problem, base.plant, ()))
         if verdict.fit is not None:
-            best = fit_drive(problem, verdict.fit.plant, (*GAINS, "gap"), rounds=2)
+            best = fit_drive(problem, verdict.fit.plant, (*base.names, "gap"), rounds=2)
             verdict = verdict._replace(fit=best)
         elif verdict.bound is not None:
             verdict = verdict._replace(bound=smallest_visible_backlash(problem, base))
+        for gap in () if _is_complete(problem, best) else GAPS:
+            joint = fit_drive(problem, replace(base.plant, gap=gap), (*base.names, "gap"), rounds=2)
+            if _is_complete(problem, joint):
+                best, verdict = joint, BacklashVerdict(joint, None)
+                break
+    best = _with_rare(problem, best)
     if not _settles(best.plant):
         return None
     return CascadeFit(best, verdict, position_rms(problem, best.left, problem.held))
@@ -129,12 +213,13 @@ def is_better(problem: AxisProblem, cascade: DriveFit, single: DriveFit) -> bool
 
 
 def _with_gains(plant: Plant, gain: float, weight: float, rate: float) -> Plant:
-    cascade = Cascade(
+    fresh = Cascade(position_gain=gain, velocity_gain=QUICKER * gain, dead_time=0.5 * MS)
+    cascade = replace(
+        plant.cascade or fresh,
         position_gain=gain,
         velocity_gain=QUICKER * gain,
         integral_rate=rate * gain,
         velocity_feedforward=weight,
-        dead_time=0.5 * MS,
     )
     b = 1.0 / (cascade.velocity_gain * gain)
     own = min(plant.eta, 1.0) * b * plant.beta if plant.loop.encloses_backlash else 0.0
@@ -158,15 +243,22 @@ def cascaded_axis(
     names = found.fit.names
     plant = fit_drive(counted, found.fit.plant, names).plant
     best = tangent(counted, plant, names)
-    spread, sensitivity = _spread(best)
-    parameters = _estimates(plant, names, spread)
-    said = [*notes, "a cascade predicts the held-out samples better than a single loop", *found.verdict.notes]
-    vague = [name for name in GAINS if spread[names.index(name)] > VAGUE and name != "dead_time"]
+    errors = _errors(best)
+    said = [*notes, *found.verdict.notes]
+    if problem.plant.cascade is None:
+        said.insert(len(notes), "a cascade predicts the held-out samples better than a single loop")
+    if plant.cascade is not None and plant.cascade.dead_time < 0.0:
+        early = -plant.cascade.dead_time
+        if early > EARLY * problem.period:
+            said.append(f"the readings are {early / MS:.2g} ms early against their commands: taken for the recorder's")
+        plant = with_base_value(plant, "dead_time", 0.0)
+    vague = [name for name in names if name not in MAY_BE_NONE and name != "gap" and errors[name] > VAGUE]
     if vague:
-        words = " and ".join(one.replace("_", " ") for one in vague)
+        words = " and ".join(NAMES[one].replace("_", " ") for one in vague)
         said.append(f"{words} cannot be told apart by this log, their effect on the path is")
     if found.verdict.fit is None and found.verdict.bound is not None:
         said.append(f"the log shows no backlash above {found.verdict.bound / MICROMETRE:.2g} µm")
+    parameters = _estimates(plant, errors)
     if "gap" in names and plant.loop.encloses_backlash:
         said.append(f"the lost motion is given for inertia_fraction = {plant.eta:.4g}")
     rms = position_rms(counted, best.left, counted.counted)
@@ -187,96 +279,71 @@ def cascaded_axis(
         origins=origins,
         rms=rms,
         noise=problem.noise_floor,
-        sensitivity=sensitivity,
+        sensitivity=sensitivity_of(best),
         notes=tuple(said),
     )
     return drive, axis
 
 
-def _spread(fit: DriveFit) -> tuple[Array, Sensitivity]:
-    """Return standard errors of the numbers as they are fitted, and how well the log shows them."""
-    columns = fit.jacobian / math.sqrt(fit.worth)
-    _, values, directions = np.linalg.svd(columns, full_matrices=False)
-    inverse = np.divide(1.0, values, out=np.full_like(values, 1e9), where=values > 1e-9)
-    spread = np.sqrt(np.sum((directions.T * inverse) ** 2, axis=1))
-    shown = values * VAGUE > 1.0
-    weak = tuple(
-        {name: float(part) for name, part in zip(fit.names, row, strict=True) if abs(part) >= 0.3}
-        for row in directions[~shown]
-    )
-    return spread, Sensitivity(
-        names=fit.names,
-        singular_values=tuple(float(one) for one in values),
-        rank=int(np.count_nonzero(shown)),
-        weak=weak,
-    )
+def _errors(best: DriveFit) -> dict[str, float]:
+    """Return standard errors of the numbers as they are fitted.
 
-
-def _estimates(plant: Plant, names: Sequence[str], spread: Array) -> dict[str, Estimate]:
-    """Return the numbers in the units of a machine file."""
-    cascade = plant.cascade
-    assert cascade is not None
-    error = dict(zip(names, spread.tolist(), strict=True))
-    time = 1.0 / cascade.integral_rate / MS
-    found = {
-        "position_gain": Estimate(
-            value=cascade.position_gain, stderr=cascade.position_gain * error["position_gain"], unit="1/s"
-        ),
-        "velocity_gain": Estimate(
-            value=cascade.velocity_gain, stderr=cascade.velocity_gain * error["velocity_gain"], unit="1/s"
-        ),
-        "velocity_integral_time": Estimate(value=time, stderr=time * error["integral_rate"], unit="ms"),
-        "velocity_feedforward": Estimate(
-            value=cascade.velocity_feedforward / PERCENT, stderr=error["velocity_feedforward"] / PERCENT, unit="%"
-        ),
-        "dead_time": Estimate(value=round(cascade.dead_time / MS, 6), stderr=error["dead_time"], unit="ms"),
-    }
+    They are made of the noise, of what the log hardly shows of a cascade and may be there, of what the command does
+    between its samples, and of what no log of a drive that computes in steps is better than.
+    """
+    problem, names = best.problem, best.names
+    unseen = {name: error for name, error in UNSEEN.items() if name not in names}
+    loose = tangent(problem, best.plant, (*names, *unseen))
+    left = weighted_residuals(problem, loose.left, weights_of(problem, loose.left, problem.fit), problem.fit)
+    rows = np.eye(len(loose.names))[len(names) :] / np.array(list(unseen.values()))[:, None]
+    spread = block_covariance(
+        loose.jacobian, left, blocks_of(problem, problem.fit), rows, samples_as_one(problem, loose.left, problem.fit)
+    )
+    both = np.vstack([loose.jacobian, rows])
+    moved = np.linalg.lstsq(both, np.concatenate([left, np.zeros(len(unseen))]), rcond=None)[0]
+    between = between_samples(best, names)
     if "gap" in names:
-        found["lost_motion"] = Estimate(value=plant.gap / MM, stderr=error["gap"] * MICROMETRE / MM, unit="mm")
+        between["gap"] *= best.plant.gap / MICROMETRE
+    return {
+        name: math.hypot(math.sqrt(spread[k, k]), moved[k], between[name], FINEST.get(name, LEAST_UNCERTAINTY))
+        for k, name in enumerate(names)
+    }
+
+
+def _estimates(plant: Plant, errors: Mapping[str, float]) -> dict[str, Estimate]:
+    """Return the numbers in the units of a machine file; `errors` are as they are fitted, by field."""
+    found = {}
+    for field, error in errors.items():
+        if field == "gap":
+            found["lost_motion"] = Estimate(value=plant.gap / MM, stderr=error * MICROMETRE / MM, unit="mm")
+            continue
+        name, free = NAMES[field], free_number(field, plant)
+        here = _shown(name, plant)
+        if here is not None:
+            there = _shown(name, free.put(plant, free.read(plant) + SLIGHT))
+            slope = 0.0 if there is None else (there - here) / SLIGHT
+            unit = CASCADE_NUMBERS[name].unit
+            found[name] = Estimate(value=round(here, 6), stderr=abs(slope) * error, unit=unit)
     return found
 
 
-KEYS: Final = {
-    "position_gain": "control.position_gain_per_s",
-    "velocity_gain": "control.velocity_gain_per_s",
-    "velocity_integral_time": "control.velocity_integral_time_ms",
-    "velocity_feedforward": "control.velocity_feedforward_percent",
-    "dead_time": "control.dead_time_ms",
-}
-"""Keys of the machine file by the names of parameters."""
+def _shown(name: str, plant: Plant) -> float | None:
+    """Return a number of a cascade in the unit of a machine file; None where there is none."""
+    assert plant.cascade is not None
+    number = CASCADE_NUMBERS[name]
+    value = number.of(plant.cascade)
+    return None if value is None else value / number.size
 
 
-def cascade_values(cascade: Cascade) -> dict[str, float]:
-    """Return the numbers of a cascade that :data:`KEYS` write, as they are written.
-
-    Examples
-    --------
-    >>> cascade_values(Cascade(position_gain=40.0, velocity_gain=200.0, integral_rate=50.0))["velocity_integral_time"]
-    20.0
-    """
-    values = {
-        "position_gain": cascade.position_gain,
-        "velocity_gain": cascade.velocity_gain,
-        "velocity_integral_time": 1.0 / cascade.integral_rate / MS if cascade.integral_rate else None,
-        "velocity_feedforward": cascade.velocity_feedforward / PERCENT,
-        "dead_time": cascade.dead_time / MS,
-    }
-    return {name: float(f"{value:.7g}") for name, value in values.items() if value is not None}
+SLIGHT: Final = 1e-4
+"""Step of a fitted number by which its unit is found."""
 
 
 def _axis_with(axis: Axis, plant: Plant, parameters: dict[str, Estimate], gap_known: bool) -> Axis:
     """Return the axis with what was identified, as the machine file will say it."""
-    cascade = plant.cascade
-    assert cascade is not None
+    assert plant.cascade is not None
     values = {name: float(f"{one.value:.7g}") for name, one in parameters.items()}
-    cascade = replace(
-        cascade,
-        position_gain=values["position_gain"],
-        velocity_gain=values["velocity_gain"],
-        integral_rate=1.0 / (values["velocity_integral_time"] * MS),
-        velocity_feedforward=values["velocity_feedforward"] * PERCENT,
-        dead_time=values["dead_time"] * MS,
-    )
+    cascade = with_cascade_values(plant.cascade, {name: values[name] for name in CASCADE_NUMBERS if name in values})
     b = 1.0 / (cascade.velocity_gain * cascade.position_gain)
     gap = axis.gap
     damping = 0.0 if gap.beta is None else (gap.inertia_fraction or 1.0) * b * gap.beta

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec.structs import replace
 from scipy.optimize import least_squares
 
-from ph_post.drive.plant import Plant
+from ph_post.drive.plant import Plant, base_value, with_base_value
 from ph_post.identify.free_run import (
     AxisProblem,
     correlation_inflation,
@@ -24,7 +24,7 @@ from ph_post.identify.free_run import (
     weighted_residuals,
     weights_of,
 )
-from ph_post.types import Array, AxisLog, BoolArray
+from ph_post.types import Array, AxisLog, BoolArray, Cascade
 from ph_post.types.diagnosis import Channel
 from ph_post.units import MICROMETRE, MS
 
@@ -45,11 +45,19 @@ LENGTHS: Final = {"gap": ("gap",), "friction": ("coulomb_plus", "coulomb_minus")
 """Free numbers that are lengths, and the fields of the plant that they set."""
 
 
-CASCADE_NUMBERS: Final = ("position_gain", "velocity_gain", "integral_rate", "velocity_feedforward", "dead_time")
-"""Free numbers of a cascade, by its fields."""
+MAY_BE_NONE: Final[Mapping[str, tuple[float, float, float]]] = {
+    "velocity_feedforward": (1.0, 0.0, 2.0),
+    "acceleration_feedforward": (1.0, 0.0, 2.0),
+    "acceleration_lead": (MS, -50.0, 50.0),
+    "current_time": (MS, 0.0, 20.0),
+    "dead_time": (MS, -0.3, 50.0),
+    "moving_average": (MS, 0.0, 200.0),
+    "exponential": (MS, 0.0, 100.0),
+}
+"""Numbers of a cascade that may be 0: the unit in which they are fitted, and their bounds in it.
 
-LATEST: Final = 50.0
-"""Longest dead time [ms]."""
+Readings may be sampled before their commands, which makes a dead time negative.
+"""
 
 
 class FreeNumber(NamedTuple):
@@ -65,9 +73,9 @@ class FreeNumber(NamedTuple):
 def free_number(name: str, plant: Plant) -> FreeNumber:
     """Return the free number `b`, `c`, `eta`, `beta` (logarithms), `gap` or `friction` (micrometres).
 
-    Of a cascade its gains (logarithms), `velocity_feedforward` (1 is all of it) and `dead_time` (milliseconds).
+    Of a cascade its gains (logarithms), and what may be 0, in the units of :data:`MAY_BE_NONE`.
     """
-    if name in CASCADE_NUMBERS:
+    if name in Cascade.__struct_fields__:
         return _cascade_number(name, plant)
     if name in LENGTHS:
         fields = LENGTHS[name]
@@ -88,24 +96,20 @@ def free_number(name: str, plant: Plant) -> FreeNumber:
 
 
 def _cascade_number(name: str, plant: Plant) -> FreeNumber:
-    """Return a number of a cascade; b follows its gains, and the damping b."""
+    """Return a number of a cascade."""
 
-    def field(p: Plant) -> float:
-        return float(getattr(p.cascade, name))
+    def read(p: Plant) -> float:
+        return base_value(p, name)
 
     def put(p: Plant, value: float) -> Plant:
-        assert p.cascade is not None
-        cascade = replace(p.cascade, **{name: value})
-        b = 1.0 / (cascade.velocity_gain * cascade.position_gain)
-        return replace(p, cascade=cascade, b=b, c=p.c * b / p.b)
+        return with_base_value(p, name, value)
 
-    if name == "velocity_feedforward":
-        return FreeNumber(name, field, put, 0.0, 2.0)
-    if name == "dead_time":
-        return FreeNumber(name, lambda p: field(p) / MS, lambda p, value: put(p, value * MS), 0.0, LATEST)
-    start = math.log(field(plant))
+    if name in MAY_BE_NONE:
+        unit, low, high = MAY_BE_NONE[name]
+        return FreeNumber(name, lambda p: read(p) / unit, lambda p, value: put(p, value * unit), low, high)
+    start = math.log(read(plant))
     return FreeNumber(
-        name, lambda p: math.log(field(p)), lambda p, value: put(p, math.exp(value)), start - FAR, start + FAR
+        name, lambda p: math.log(read(p)), lambda p, value: put(p, math.exp(value)), start - FAR, start + FAR
     )
 
 

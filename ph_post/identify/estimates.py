@@ -16,8 +16,10 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.drive.cascade import with_cascade
 from ph_post.drive.plant import Plant
 from ph_post.files.check import counted
+from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, with_cascade_values
 from ph_post.identify.direct_readings import CoastDown, effort_gain, pooled_rate
 from ph_post.identify.drive_fit import BacklashVerdict, DriveFit, position_rms
 from ph_post.identify.errors import block_covariance, blocks_of, samples_as_one
@@ -358,6 +360,7 @@ KEYS: Final = {
     "lost_motion": "lost_motion_mm",
     "inertia_fraction": "inertia_fraction",
     "motor_time_constant": "motor_time_constant_s",
+    **{name: one.key for name, one in CASCADE_NUMBERS.items()},
 }
 """Keys of the machine file by the names of parameters."""
 
@@ -380,6 +383,9 @@ def with_keys(axis: Axis, keys: Mapping[str, float]) -> Axis:
     """
     servo, gap, held = axis.servo, axis.gap, axis.gravity_side
     servo = replace(servo, b=keys.get("b", servo.b), c=keys.get("c", servo.c))
+    if servo.cascade is not None:
+        values = {name: keys[one.key] for name, one in CASCADE_NUMBERS.items() if one.key in keys}
+        servo = with_cascade(servo, with_cascade_values(servo.cascade, values))
     if "lost_motion_mm" in keys:
         gap = gap.with_lost_motion(keys["lost_motion_mm"] * MM)
         held = None if gap.lost_motion > 0.0 else held

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.drive.cascade import torque_of_motion
 from ph_post.drive.effects.active import plant_of
 from ph_post.drive.plant import Plant, following_error, read_table
 from ph_post.identify.between import parts_between, refined
@@ -198,16 +199,15 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
     dict
         `act` and `motor` [m] by channel, and as `force` the two columns (n, 2) that make up the effort, the
         following error [m], as far as the motor answers it, and the speed [m/s] at the loop's own side:
-        K (e - c_e v).
+        K (e - c_e v). Of a cascade it is what the loops give in place of the following error.
     """
     parts = problem.parts
     period = problem.period / parts
     command = delayed(problem.command if problem.fine is None else problem.fine, plant.command_delay / period)
     reading_delay = plant.reading_delay / period
     plant = replace(plant, command_delay=0.0, reading_delay=0.0)
-    speed = float(np.median(problem.speed[:3]))
-    speed = speed if abs(speed) * period > 1e-9 else 0.0
-    trace = AxisCommand(command, float(command[0]), speed)
+    start = float(np.median(problem.speed[:3]))
+    trace = AxisCommand(command, float(command[0]), start if abs(start) * period > 1e-9 else 0.0)
     if plant.cutting:
         trace = trace._replace(force=cutting_force(plant, _between_rows(problem.velocity, parts), problem.number))
     flank = first_flank(problem.axis, NOMINAL_SCENARIO)
@@ -221,10 +221,15 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
             found["motor"] = motor[::parts]
         else:
             side = plant.loop.closed_over(table, motor)
-            e = following_error(plant, command, table, motor, period)
+            speed = np.gradient(side, period)
+            if plant.cascade is None:
+                e = following_error(plant, command, table, motor, period)
+            else:
+                seen = motor if plant.cascade.velocity_feedback == "motor" else table
+                e = torque_of_motion(plant.cascade, command, side, np.gradient(seen, period), period)
             # With a part of c that is electronic this is where the torque saturates at low speed only.
             e = np.clip(e, -plant.saturation, plant.saturation)
-            found["force"] = np.stack([e, np.gradient(side, period)], axis=1)[::parts]
+            found["force"] = np.stack([e, speed], axis=1)[::parts]
     return found
 
 

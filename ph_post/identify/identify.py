@@ -15,7 +15,6 @@ import numpy as np
 from msgspec.structs import replace
 from scipy.ndimage import gaussian_filter1d
 
-from ph_post.drive.axes import refuse_cascades
 from ph_post.drive.plant import Plant
 from ph_post.errors import InputError
 from ph_post.identify.cascade_fit import (
@@ -263,8 +262,6 @@ def identify(
     InputError
         Where the log shows no parameter at all, or contradicts what was given.
     """
-    if machine is not None:
-        refuse_cascades(machine, log.axes, "identify")
     progress("checking the log")
     draft = starting_machine(log, machine, feedback or {}, transmission or {})
     log = excerpt(log, draft.machine)
@@ -290,8 +287,10 @@ def _nearer(log: Log, machine: Machine) -> Machine:
     axes = dict(machine.axes)
     for name, axis_log in log.axes.items():
         axis = axes.get(name)
-        lag = None if axis is None else starting_lag(axis_log, axis.loop, log.period)
-        if axis is None or lag is None or lag.c is None or axis.servo.b == 0.0 or axis.servo.ki_over_kp:
+        if axis is None or axis.servo.cascade is not None:
+            continue
+        lag = starting_lag(axis_log, axis.loop, log.period)
+        if lag is None or lag.c is None or axis.servo.b == 0.0 or axis.servo.ki_over_kp:
             continue
         axes[name] = replace(axis, servo=replace(axis.servo, b=lag.b or 0.25 * lag.c**2, c=lag.c))
     return replace(machine, axes=axes)
@@ -304,10 +303,10 @@ def _identify_axis(
     coasts = _coast_downs(problem, axis_log, quality)
     problem = _without(problem, coasts)
     notes, why = draft.assumed.get(axis.name, ()), draft.lagless.get(axis.name)
-    if why is not None:
+    if why is not None or axis.servo.cascade is not None:
         cascade = _cascade(problem, axis_log, None)
-        if cascade is None or cascade.held_out > MOSTLY * finest_noise(problem):
-            raise why
+        if cascade is None or (why is not None and cascade.held_out > MOSTLY * finest_noise(problem)):
+            raise why or InputError(axis.name, "no cascade that settles fits the log", expected="gains near the file's")
         return cascaded_axis(problem, cascade, from_file, notes)
     base = fit_drive(problem, _start(problem, axis_log), _base_names(problem.plant))
     much = leaves_much(problem, base.left)

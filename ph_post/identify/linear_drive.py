@@ -1,7 +1,7 @@
 """The linear drive of an axis: its response to a command, its motion, and the delay of a reading.
 
-The loop b ẍ + c ẋ = e + (k_i/k_p) ∫e + (k_d/k_p) ė has no backlash, friction or other effect. A log is
-compared with it before anything is simulated.
+The loop b ẍ + c ẋ = e + (k_i/k_p) ∫e + (k_d/k_p) ė, or the cascade of :mod:`ph_post.drive.cascade`, has no backlash,
+friction or other effect. A log is compared with it before anything is simulated.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from msgspec.structs import replace
 from scipy import signal
 
+from ph_post.drive.cascade import arriving, loop_polynomials, time_constant, with_cascade
 from ph_post.identify.between import parts_between, refined
 from ph_post.types import Array, Axis, BoolArray, IntArray, Log, Machine, Servo
 
@@ -38,10 +39,32 @@ def linear_response(command: Array, servo: Servo, period: float) -> Array:
     """
     if servo.b <= 0.0 and servo.c <= 0.0:
         return command.copy()
-    b, a, _ = signal.cont2discrete(_loop(servo, period), 1.0, method="foh")
     start = command[0]
-    answer = signal.lfilter(np.ravel(b), a, command - start) + start
-    return np.asarray(answer, dtype=np.float64)
+    if servo.cascade is not None:
+        command = arriving(servo.cascade, command, 0.0, period).position
+    return np.asarray(_passed(_loop(servo, period), command - start) + start)
+
+
+def force_response(force: Array, servo: Servo, period: float) -> Array:
+    """Return by how much a force, F/K [m], keeps the linear servo back, shape (n,) [m]; 0 for an ideal stepper."""
+    if servo.b <= 0.0 and servo.c <= 0.0:
+        return np.zeros_like(force)
+    if servo.cascade is None:
+        top = _stripped([1.0, 0.0] if servo.ki_over_kp else [1.0])
+        return _passed((top, _loop(servo, period)[1]), force)
+    loop = loop_polynomials(servo)
+    return _passed((_per_sample(loop.resisted, period), _per_sample(loop.taken, period)), force)
+
+
+def _passed(transfer: tuple[Array, Array], values: Array) -> Array:
+    """Pass what is linear between samples through a transfer function in units of the period."""
+    b, a, _ = signal.cont2discrete(transfer, 1.0, method="foh")
+    return np.asarray(signal.lfilter(np.ravel(b), a, values), dtype=np.float64)
+
+
+def _per_sample(polynomial: Array, period: float) -> Array:
+    """Return a polynomial in s [1/s] as one in 1 / period."""
+    return np.asarray(polynomial / period ** np.arange(polynomial.size - 1, -1, -1))
 
 
 def drive_response(command: Array, servo: Servo, period: float) -> Array:
@@ -51,7 +74,9 @@ def drive_response(command: Array, servo: Servo, period: float) -> Array:
 
 
 def servo_memory(servo: Servo) -> float:
-    """Time constant of the servo's slowest answer, the larger of 2 b/c and c [s]."""
+    """Time constant of the servo's slowest answer, the larger of 2 b/c and c, or that of a cascade [s]."""
+    if servo.cascade is not None:
+        return time_constant(servo)
     return max(2.0 * servo.b / servo.c, servo.c) if servo.c > 0.0 else 0.0
 
 
@@ -71,6 +96,9 @@ def taken_up(command: Array, travel: float) -> int:
 
 def _loop(servo: Servo, period: float) -> tuple[Array, Array]:
     """Transfer function of the closed loop in units of the period, numerator and denominator."""
+    if servo.cascade is not None:
+        loop = loop_polynomials(servo)
+        return _per_sample(loop.given, period), _per_sample(loop.taken, period)
     b, c = servo.b / period**2, servo.c / period
     ki, kd = servo.ki_over_kp * period, servo.kd_over_kp / period
     integral = [ki] if ki else []
@@ -192,10 +220,10 @@ def halves(motion: AxisMotion) -> BoolArray:
 
 
 PRIOR: Final = 0.02
-"""Relative standard error of b and c where the machine file gives none."""
+"""Relative standard error of b and c, or of gains, where the machine file gives none."""
 
-PRIORS: Final = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0 / PRIOR, 1.0 / PRIOR])
-"""One over the standard error of each coefficient, 0 where nothing is known of it."""
+UNKNOWN: Final = 5
+"""Coefficients of which nothing is known beforehand; those behind them are relative changes of the drive's numbers."""
 
 PLAIN: Final = 0.7
 """Mean square that a shift must leave at most, as a part of what is left without one."""
@@ -210,7 +238,7 @@ INDISTINCT: Final = 1e-9
 """Part of a column's square below which it is made of the others."""
 
 SIZES: Final = 1e-3
-"""Relative step of the numerical derivatives by b and c."""
+"""Relative step of the numerical derivatives by the drive's numbers."""
 
 
 def find_shift(log: Log, machine: Machine, name: str, reading: Array, first: int) -> float | None:
@@ -234,14 +262,15 @@ def find_shift(log: Log, machine: Machine, name: str, reading: Array, first: int
     if np.count_nonzero(known) < 10 * columns.shape[1]:
         return None
     residual = (reading - model)[known]
-    without = _least_squares(columns[known, 1:], residual, PRIORS[1:])
+    prior = np.where(np.arange(columns.shape[1]) < UNKNOWN, 0.0, 1.0 / PRIOR)
+    without = _least_squares(columns[known, 1:], residual, prior[1:])
     shift, found = 0.0, without
     rows = np.arange(reading.size, dtype=np.float64)
     for _ in range(ROUNDS):
         late = rows - shift / log.period
         expected = np.interp(late, rows, model)
         moved = np.column_stack([np.interp(late, rows, column) for column in columns.T])
-        found = _least_squares(moved[known], (reading - expected)[known], PRIORS)
+        found = _least_squares(moved[known], (reading - expected)[known], prior)
         shift += found.value
     if abs(shift) <= CLEAR * found.error:
         return 0.0 if found.error < 0.5 * log.period else None
@@ -249,17 +278,24 @@ def find_shift(log: Log, machine: Machine, name: str, reading: Array, first: int
 
 
 def _columns(log: Log, name: str, servo: Servo) -> tuple[Array, Array]:
-    """Differentiate the model by shift, offset, scale, play, friction, ln c and ln b; and the model."""
+    """Differentiate the model by shift, offset, scale, play, friction and the drive's numbers; and the model."""
     command, period = log.axes[name].command, log.period
     model = drive_response(command, servo, period)
     speed = np.gradient(model, period)
-    more_b, more_c = replace(servo, b=servo.b * (1.0 + SIZES)), replace(servo, c=servo.c * (1.0 + SIZES))
-    by_b = (drive_response(command, more_b, period) - model) / SIZES
-    by_c = (drive_response(command, more_c, period) - model) / SIZES
+    by_number = [(drive_response(command, other, period) - model) / SIZES for other in _others(servo)]
     ones = np.ones_like(model)
     way = -np.sign(speed)
-    friction = linear_response(way, servo, period)
-    return np.column_stack((-speed, ones, model - model.mean(), way, friction, by_c, by_b)), model
+    friction = force_response(way, servo, period)
+    return np.column_stack((-speed, ones, model - model.mean(), way, friction, *by_number)), model
+
+
+def _others(servo: Servo) -> tuple[Servo, ...]:
+    """Return servos that differ a little in one of their numbers each."""
+    if servo.cascade is None:
+        return tuple(replace(servo, **{name: getattr(servo, name) * (1.0 + SIZES)}) for name in ("c", "b"))
+    names = ("position_gain", "velocity_gain", "velocity_feedforward")
+    moved = (replace(servo.cascade, **{name: getattr(servo.cascade, name) * (1.0 + SIZES)}) for name in names)
+    return tuple(with_cascade(servo, one) for one in moved)
 
 
 class ShiftFit(NamedTuple):

@@ -18,10 +18,9 @@ from ph_post.drive.machinefile import machine_of
 from ph_post.errors import InputError, SolveError
 from ph_post.files.machine import AxisChange, EffectChange, Row, edit_axes, machine_document
 from ph_post.files.storage import SourceText, source_of
-from ph_post.identify.cascade_fit import KEYS as CASCADE_NAMES
-from ph_post.identify.cascade_fit import cascade_values
+from ph_post.identify.cascade_numbers import cascade_values
 from ph_post.identify.estimates import KEYS
-from ph_post.types import USUAL_REFERENCE, Axis, EffectSetting, Log, Machine, Uncertainty
+from ph_post.types import USUAL_REFERENCE, Axis, Cascade, EffectSetting, Log, Machine, Uncertainty
 from ph_post.types.diagnosis import PRODUCT, Diagnosis, Estimate, Finding, Identification, IdentifiedDrive
 from ph_post.units import MICROMETRE, MM, MS
 
@@ -77,6 +76,10 @@ _OF_SINGLE: Final = (
 """Keys that an axis with a cascade has not; the motor's acceleration is not checked with one."""
 
 
+_OTHER_UNITS: Final = {"position_gain": "control.position_gain_m_per_min_mm"}
+"""Other keys of numbers of a cascade."""
+
+
 def axis_keys(before: Axis, after: Axis, given: Mapping[str, Any]) -> dict[str, float | str | None]:
     """Return the keys of ``[axes.AXIS]`` that make one axis into another, in the way the file gives them.
 
@@ -91,12 +94,11 @@ def axis_keys(before: Axis, after: Axis, given: Mapping[str, Any]) -> dict[str, 
         if not same(one, other):
             known = {key: value for key, value in ways.items() if key in given}
             keys |= known or dict(list(ways.items())[:1])
-    if after.servo.cascade is not None and after.servo.cascade != before.servo.cascade:
+    if after.servo.cascade is not None:
         keys = {key: value for key, value in keys.items() if key not in _OF_SINGLE} | dict.fromkeys(
             key for key in _OF_SINGLE if key in given
         )
-        keys["control.structure"] = "cascade"
-        keys |= {CASCADE_NAMES[name]: value for name, value in cascade_values(after.servo.cascade).items()}
+        keys |= dict(_cascade_keys(before.servo.cascade, after.servo.cascade, given))
     stiffer = _ratio(after.servo.stiffness, before.servo.stiffness)
     if not same(stiffer, 1.0):  # J and B keep b and c where k_p changes
         for key in ("J", "inertia_kg_m2", "B", "damping_kg_m2_s"):
@@ -104,6 +106,25 @@ def axis_keys(before: Axis, after: Axis, given: Mapping[str, Any]) -> dict[str, 
                 number = keys.get(key, given[key])
                 keys[key] = float(number if isinstance(number, int | float) else given[key]) * stiffer
     return keys
+
+
+def _cascade_keys(
+    before: Cascade | None, after: Cascade, given: Mapping[str, Any]
+) -> Iterator[tuple[str, float | str | None]]:
+    """Yield the keys of a cascade that changes, and what they become: all of them where it was a single loop."""
+    values = cascade_values(after)
+    earlier = {} if before is None else cascade_values(before)
+    if before is None:
+        yield "control.structure", "cascade"
+    for name in dict.fromkeys((*values, *earlier)):
+        was, value = earlier.get(name), values.get(name)
+        if same(was, value):
+            continue
+        other = _OTHER_UNITS.get(name, "")
+        if other in given and was is not None and value is not None:
+            yield other, given[other] * value / was
+        else:
+            yield KEYS[name], value
 
 
 def effect_changes(
@@ -427,7 +448,7 @@ def _axis_rows(axis: Axis, drive: IdentifiedDrive) -> Iterator[Row | str]:
     if gap.beta is not None:
         values["motor_time_constant"] = 1.0 / gap.beta
     for name, value in values.items():
-        yield Row((KEYS | CASCADE_NAMES)[name], value, _words(name, drive))
+        yield Row(KEYS[name], value, _words(name, drive))
     if servo.stiffness is not None:
         yield Row("servo_stiffness_n_per_mm", servo.stiffness * MM, _words("servo_stiffness", drive))
     if gap.gear_ratio is not None and gap.travel_per_rad is not None:

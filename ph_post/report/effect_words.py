@@ -27,6 +27,7 @@ EFFECTS: Final = {
     "thermal_growth": "thermal growth",
     "squareness": "a squareness error",
     "servo_mismatch": "other servo parameters than in the file",
+    "command_filter": "a filter of the command",
     "transport_delay": "a transport delay",
     "torque_saturation": "a limit of the motor torque",
     "cogging": "cogging of the motor",
@@ -45,6 +46,7 @@ _SENTENCES: Final = {
     "scale_error": "The scale of {axis} is off",
     "thermal_growth": "{axis} grows with time",
     "squareness": "{axis} is out of square",
+    "command_filter": "The command of {axis} passes a longer filter than the file has",
     "transport_delay": "{axis} has a delay that the file does not have",
     "torque_saturation": "The motor of {axis} reaches its torque limit",
 }
@@ -116,8 +118,8 @@ def finding_sentence(found: Finding) -> str:
     if leading is None:
         return f"{sentence}."
     key, value = leading
-    # b and c say nothing without their name, a force does.
-    named = f"{key} = " if found.name == "servo_mismatch" else ""
+    # Numbers of a servo say nothing without their name, a force does.
+    named = f"{key.replace('_', ' ')} = " if found.name in ("servo_mismatch", "command_filter") else ""
     return f"{sentence}: {named}{parameter_words(key, value)}."
 
 

@@ -68,6 +68,7 @@ SHOWN: Final[Mapping[str, Separation]] = {
     "thermal_growth": _see("warm-up", "act", "warmth shifts the reading as time goes by"),
     "squareness": _see("diagonals", "act", "an angle makes one diagonal longer and the other shorter"),
     "servo_mismatch": _see("small circles, stops", "act", "b acts with acceleration, c with speed"),
+    "command_filter": _see("small circles, stops", "act", "a filter rounds where a motion begins and ends"),
     "transport_delay": _see("small circles, stops", "act", "a delay shifts everything by one time"),
     "torque_saturation": _see("fast, small circles", "force", "a limit shows above one acceleration only"),
     "cogging": _see("sweeps", "motor force", "a cogging force is filtered by the loop: its trace goes by feed"),
@@ -81,7 +82,7 @@ READINGS: Final = frozenset(("cyclic_error", "scale_error", "thermal_growth", "s
 _FRICTION = ("coulomb_friction", "stribeck_friction")
 _GAP = ("backlash", "position_dependent_backlash")
 _FORCES = (*_FRICTION, "viscous_friction", "friction_asymmetry")
-_LOOP = ("servo_mismatch", "transport_delay")
+_LOOP = ("servo_mismatch", "command_filter", "transport_delay")
 _AIR = "sweeps, circles"
 
 _TABLE: Final = (

@@ -39,6 +39,7 @@ CATALOGUE = (
     "thermal_growth",
     "squareness",
     "servo_mismatch",
+    "command_filter",
     "transport_delay",
     "torque_saturation",
     "cogging",

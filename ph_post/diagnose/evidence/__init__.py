@@ -13,6 +13,7 @@ SIGNATURES: Final[Mapping[str, Callable[[Evidence], Iterator[str]]]] = {
     "backlash": drives.backlash,
     "position_dependent_backlash": drives.by_place,
     "servo_mismatch": drives.servo,
+    "command_filter": drives.command_filter,
     "elastic_windup": drives.windup,
     "engagement_impact": drives.impact,
     "torque_saturation": drives.saturation,

@@ -15,6 +15,7 @@ import numpy as np
 
 from ph_post.diagnose.residual_features import SAME_FEED, solve
 from ph_post.diagnose.sentences import length, velocity
+from ph_post.drive.cascade import time_constant
 from ph_post.identify.free_run import AxisProblem
 from ph_post.identify.linear_drive import RESTING, AxisMotion
 from ph_post.types import Array, BoolArray
@@ -160,9 +161,15 @@ def _both(inside: BoolArray, motion: AxisMotion) -> bool:
     return bool(min(ways) >= FEWEST)
 
 
+def settled_after(evidence: Evidence) -> float:
+    """Return the time behind a reversal after which a servo has settled [s]."""
+    problem = evidence.problem
+    return SETTLING * (problem.plant.c if problem.plant.cascade is None else time_constant(problem.axis.servo))
+
+
 def settled_levels(evidence: Evidence, residual: Array, use: BoolArray, groups: int = 2) -> tuple[SpeedLevel, ...]:
     """Halves by speed, behind what the servo needs to settle."""
-    return halves_by_speed(residual, evidence.motion, use, SETTLING * evidence.problem.plant.c, groups)
+    return halves_by_speed(residual, evidence.motion, use, settled_after(evidence), groups)
 
 
 def between_ways(evidence: Evidence, residual: Array, use: BoolArray) -> float | None:
@@ -201,7 +208,7 @@ def effort_parts(evidence: Evidence) -> tuple[float, float] | None:
         return None
     speed = np.abs(motion.velocity)
     use = evidence.use("force") & (motion.direction != 0) & (speed > RESTING * np.max(speed))
-    late = use & (motion.since > SETTLING * evidence.problem.plant.c)
+    late = use & (motion.since > settled_after(evidence))
     use = late if _both(late, motion) else use
     if not _both(use, motion):
         return None

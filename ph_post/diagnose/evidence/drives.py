@@ -22,6 +22,7 @@ from ph_post.diagnose.evidence.base import (
 )
 from ph_post.diagnose.residual_features import by_speed, reversal_sizes
 from ph_post.diagnose.sentences import length, velocity
+from ph_post.identify.cascade_numbers import CASCADE_NUMBERS
 from ph_post.identify.free_run import PRIOR
 from ph_post.units import MICROMETRE, MM, MS
 
@@ -69,11 +70,17 @@ def by_place(evidence: Evidence) -> Iterator[str]:
 
 
 def servo(evidence: Evidence) -> Iterator[str]:
-    """Yield by how much b and c left the file, and how the residual goes with the motion."""
+    """Yield by how much the servo's numbers left the file, and how the residual goes with the motion."""
     plant = evidence.problem.plant
+    filed: dict[str, float | None] = {"c": plant.c, "b": plant.b}
+    if plant.cascade is not None:
+        filed = {name: CASCADE_NUMBERS[name].of(plant.cascade) for name in evidence.values}
     said = []
-    for name in ("c", "b"):
-        ratio = evidence.values[name] / getattr(plant, name) - 1.0
+    for name, was in ((name.replace("_", " "), value) for name, value in filed.items()):
+        if not was:
+            said.append(f"{name} is none in the file")
+            continue
+        ratio = evidence.values[name.replace(" ", "_")] / was - 1.0
         if abs(ratio) < 0.1 * PRIOR:
             said.append(f"{name} is that of the file")
             continue
@@ -82,8 +89,21 @@ def servo(evidence: Evidence) -> Iterator[str]:
     yield compared(f"the file's values are good to {100.0 * PRIOR:g} %", " and ".join(said))
     motion = evidence.motion
     late, bend, _ = slopes(evidence.residual, evidence.use(), motion.velocity, motion.acceleration)
+    shows = "a wrong c shows with the velocity, a wrong b with the acceleration"
+    if plant.cascade is not None:
+        shows = "a wrong feed-forward or K_v shows with the velocity, a wrong velocity loop with the acceleration"
     yield compared(
-        "a wrong c shows with the velocity, a wrong b with the acceleration",
+        shows,
+        f"{evidence.reading} {lag_words(late, bend)}",
+    )
+
+
+def command_filter(evidence: Evidence) -> Iterator[str]:
+    """Yield what a filter of the command shows: its mean delay at any speed, and corners that it rounds."""
+    motion = evidence.motion
+    late, bend, _ = slopes(evidence.residual, evidence.use(), motion.velocity, motion.acceleration)
+    yield compared(
+        "a filter is late by one time at any speed, and rounds where the speed changes",
         f"{evidence.reading} {lag_words(late, bend)}",
     )
 
@@ -129,7 +149,8 @@ def impact(evidence: Evidence) -> Iterator[str]:
 def saturation(evidence: Evidence) -> Iterator[str]:
     """Yield whether the error is only where the motor would have to do more than it can."""
     problem, residual, use = evidence.problem, evidence.residual, evidence.use()
-    asked = np.abs(problem.plant.c * evidence.motion.velocity + problem.plant.b * evidence.motion.acceleration)
+    friction = problem.plant.c  # of a cascade the axis' own
+    asked = np.abs(friction * evidence.motion.velocity + problem.plant.b * evidence.motion.acceleration)
     limit = evidence.values["limit"]
     above, below = rms(residual, use & (asked > limit)), rms(residual, use & (asked <= limit))
     numbers = (

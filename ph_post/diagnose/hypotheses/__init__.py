@@ -11,8 +11,8 @@ from ph_post.diagnose.hypotheses.readings import reading_hypotheses
 from ph_post.drive.effects.registry import is_effect
 from ph_post.identify.free_run import AxisProblem
 
-OF_THE_AXIS: Final = {"backlash": ("lost_motion",), "servo_mismatch": ("b", "c")}
-"""Effects that are numbers of the axis itself, and not registered as effects; which."""
+OF_THE_AXIS: Final = frozenset(("backlash", "servo_mismatch", "command_filter"))
+"""Effects that are numbers of the axis itself, and not registered as effects."""
 
 
 def hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 from scipy import signal
 
+from ph_post.drive.cascade import loop_polynomials
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
 from ph_post.identify.free_run import AxisProblem
@@ -162,7 +163,8 @@ def force_periods(problem: AxisProblem, left: Residuals, most: int = 4) -> list[
     span = float(np.ptp(place[use])) if use.any() else 0.0
     if plant.b == 0.0 or span <= 0.0:
         return []
-    top, bottom = signal.bilinear([1.0], [plant.b, plant.c, 1.0], fs=1.0 / problem.period)
+    _, bottom, top = loop_polynomials(problem.axis.servo)
+    top, bottom = signal.bilinear(top, bottom, fs=1.0 / problem.period)
     finest = min(1.0 / SHORTEST, LINES / span)
     lines = np.arange(1.0 / longest_period(problem), finest, 0.4 / span)
     if not lines.size:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -22,7 +23,8 @@ from ph_post.diagnose.hypotheses.base import (
     reversal_step,
 )
 from ph_post.drive.effects.registry import find_effect
-from ph_post.drive.plant import Plant
+from ph_post.drive.plant import Plant, base_value, with_base_value
+from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, FITTED
 from ph_post.identify.free_run import AxisProblem
 
 MOST_GAP: Final = 5e-3
@@ -160,6 +162,86 @@ MISMATCH = Hypothesis(
 )
 
 
+def _gains(problem: AxisProblem) -> tuple[str, ...]:
+    """List the numbers of an axis' cascade that may be off, by name."""
+    cascade = problem.plant.cascade
+    assert cascade is not None
+    return tuple(name for name in FITTED if CASCADE_NUMBERS[name].of(cascade))
+
+
+def _cascade_mismatch(names: tuple[str, ...], variant: str = "", within: tuple[str, ...] = ()) -> Hypothesis:
+    """Return the hypothesis that numbers of a cascade are off: a part of what they are, of feed-forward and delay."""
+    fields = tuple(CASCADE_NUMBERS[name].field for name in names)
+
+    def put(plant: Plant, numbers: Numbers) -> Plant:
+        for field, more in zip(fields, numbers, strict=True):
+            value = base_value(plant, field)
+            added = field in ADDED
+            plant = with_base_value(plant, field, max(value + more, 0.0) if added else value * math.exp(more))
+        return plant
+
+    def values(problem: AxisProblem, numbers: Numbers) -> dict[str, float]:
+        cascade = put(problem.plant, numbers).cascade
+        assert cascade is not None
+        return {name: float(CASCADE_NUMBERS[name].of(cascade) or 0.0) for name in names}
+
+    return Hypothesis(
+        name="servo_mismatch",
+        variant=variant,
+        numbers=tuple(
+            HypothesisNumber(name=field, low=-far, high=far, scale=0.02 * far, linear=True)
+            for field in fields
+            for far in (ADDED.get(field, FARTHEST),)
+        ),
+        apply=put,
+        starts=lambda _problem, _left: [tuple(0.01 * ADDED.get(field, FARTHEST) for field in fields)],
+        values=values,
+        within=within,
+        replaces=fields,
+        excludes=("viscous_friction", "servo_mismatch"),
+    )
+
+
+ADDED: Final = {"velocity_feedforward": 1.0, "dead_time": 0.02}
+"""Most that is added to numbers of a cascade which may be 0; gains are multiplied."""
+
+LONGEST_FILTER: Final = 0.2
+"""Longest filter of a command [s]."""
+
+
+def _filter(name: str, tried: Sequence[float]) -> Hypothesis:
+    """Return the hypothesis that the command of a cascade passes a longer filter than the file knows of."""
+    number = CASCADE_NUMBERS[name]
+
+    def put(plant: Plant, numbers: Numbers) -> Plant:
+        return with_base_value(plant, number.field, base_value(plant, number.field) + numbers[0])
+
+    return Hypothesis(
+        name="command_filter",
+        variant=name,
+        numbers=(HypothesisNumber(name=number.field, low=0.0, high=LONGEST_FILTER, scale=1e-3),),
+        apply=put,
+        starts=lambda _problem, _left: [(one,) for one in tried],
+        values=lambda problem, n: {name: base_value(put(problem.plant, n), number.field)},
+        bars=lambda problem: "" if problem.plant.cascade is not None else "a single loop has no filters in its file",
+        excludes=("command_filter",),
+    )
+
+
+FILTERS: Final = (
+    _filter("moving_average", (0.003, 0.008, 0.02, 0.05)),
+    _filter("exponential_filter", (0.001, 0.003, 0.008, 0.02)),
+)
+
+
+def _servo_hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:
+    """Hypotheses about the numbers of a servo: of a cascade also that its feed-forward alone is off."""
+    if problem.plant.cascade is None:
+        return (MISMATCH,)
+    forward = _cascade_mismatch(("velocity_feedforward",), "feed-forward")
+    return forward, _cascade_mismatch(_gains(problem), within=(forward.name,))
+
+
 def _rigid(problem: AxisProblem) -> str:
     if problem.plant.windup_frequency:
         return "the file has it already"
@@ -227,4 +309,4 @@ SATURATION = effect_hypothesis(
 def drive_hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:
     """Hypotheses about gap, servo and motor on one axis; a slope is about the middle of its travel."""
     uneven = (_sloped(middle(problem)), _bumped(reach(problem)))
-    return (BACKLASH, *uneven, MISMATCH, WINDUP, IMPACT, SATURATION)
+    return (BACKLASH, *uneven, *_servo_hypotheses(problem), *FILTERS, WINDUP, IMPACT, SATURATION)

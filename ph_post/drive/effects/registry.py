@@ -24,6 +24,7 @@ CATALOGUE = (
     "thermal_growth",
     "squareness",
     "servo_mismatch",
+    "command_filter",
     "transport_delay",
     "torque_saturation",
     "cogging",
@@ -31,7 +32,7 @@ CATALOGUE = (
 )
 """Names whose meaning is fixed, whether or not something acts under them yet."""
 
-_RESERVED = frozenset(("backlash", "servo_mismatch"))
+_RESERVED = frozenset(("backlash", "servo_mismatch", "command_filter"))
 BUILT_IN = {name: f"ph_post.drive.effects.{name}:EFFECT" for name in CATALOGUE if name not in _RESERVED}
 """The effects of this package: a module of the name for each, which defines its EFFECT."""
 

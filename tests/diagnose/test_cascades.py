@@ -1,0 +1,99 @@
+"""What is missing from a file with a cascade is found in records of cascades that the tests step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from ph_post.diagnose.diagnose import diagnose
+from ph_post.drive.cascade import torque_of_motion
+from ph_post.types import Gap, Log, Machine
+from ph_post.types.diagnosis import Diagnosis
+from tests.support.cascade_plant import DRIVES, PERIOD, Drive, motor_of, to_and_fro, two_bodies
+from tests.support.cascade_records import NOISE, log_of, machine_of, moves, record
+
+KNOWN = Drive(tn=12e-3, velocity=0.95)
+SHORT = ((0.02, 0.4), (0.004, 0.15), (0.01, 0.25))
+ETA, BETA = 0.4, 3.0
+
+
+def named(found: Diagnosis) -> dict[str, float]:
+    return {one.name: next(iter(one.parameters.values())).value for one in found.findings}
+
+
+def test_nothing_is_invented() -> None:
+    found = diagnose(record(KNOWN, ways=SHORT), machine_of(KNOWN))
+    assert found.verdict == "nothing-missing"
+
+
+def test_hidden_gap() -> None:
+    found = diagnose(record(KNOWN, gap=2e-5, channels="act", ways=SHORT), machine_of(KNOWN))
+    assert named(found) == {"backlash": pytest.approx(0.020, rel=0.01)}
+    assert found.steps[-1].holdout_rms < 1.5 * NOISE
+    assert found.machine.axes["X"].servo.cascade is not None
+
+
+def friction() -> Log:
+    return record(KNOWN, coulomb=0.05)
+
+
+def friction_and_gap() -> Log:
+    return record(KNOWN, gap=2e-5, coulomb=0.05)
+
+
+def feed_forward() -> Log:
+    return record(Drive(tn=12e-3, velocity=0.7))
+
+
+def command_filter() -> Log:
+    return record(KNOWN, average=8)
+
+
+OTHERS: list[tuple[Callable[[], Log], dict[str, float]]] = [
+    (friction, {"coulomb_friction": 1e3 * 0.05 / (KNOWN.kv * KNOWN.wv)}),
+    (friction_and_gap, {"backlash": 0.020, "coulomb_friction": 1e3 * 0.05 / (KNOWN.kv * KNOWN.wv)}),
+    (feed_forward, {"servo_mismatch": 70.0}),
+    (command_filter, {"command_filter": 8.0}),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("hidden", "expected"), OTHERS)
+def test_hidden_effects(hidden: Callable[[], Log], expected: dict[str, float]) -> None:
+    found = diagnose(hidden(), machine_of(KNOWN))
+    assert found.verdict == "named"
+    assert named(found) == {name: pytest.approx(size, rel=0.02) for name, size in expected.items()}
+    assert found.steps[-1].holdout_rms < 1.5 * NOISE
+
+
+def in_the_loop(machine: Machine, gap: float, side: str) -> Machine:
+    axis = machine.axes["X"]
+    servo = replace(axis.servo, c=axis.servo.c + ETA * BETA * axis.servo.b)
+    gapped = Gap(lost_motion=gap, inertia_fraction=ETA, beta=BETA, pickup="standstill")
+    return replace(machine, axes={"X": replace(axis, feedback="load", servo=servo, gap=gapped)})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", ["motor", "load"])
+def test_gap_in_the_loop(side: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.support.cascade_plant.FINE", 25)
+    command = moves()
+    table = two_bodies(KNOWN, command, 3e-5, ETA, BETA, ETA * BETA, "standstill", side)
+    for filed, expected in ((3e-5, {}), (0.0, {"backlash": pytest.approx(0.030, rel=0.02)})):
+        machine = in_the_loop(machine_of(KNOWN, velocity_feedback=side), filed, side)
+        assert named(diagnose(log_of(command, {"act": table}, 1), machine)) == expected
+
+
+@pytest.mark.parametrize("name", ["70 %", "100 %", "of LinuxCNC"])
+def test_torque_of_a_motion(name: str) -> None:
+    """Without friction it is the acceleration, by b."""
+    drive, command = DRIVES[name], to_and_fro()
+    motor = motor_of(drive, command)
+    speed = np.gradient(motor, PERIOD)
+    given = torque_of_motion(drive.cascade(), command, motor, speed, PERIOD)
+    acceleration = np.gradient(speed, PERIOD) / (drive.kv * drive.wv)
+    rms = np.sqrt(np.mean((given - acceleration)[50:-50] ** 2))
+    assert rms < 0.03 * np.sqrt(np.mean(acceleration[50:-50] ** 2))
