@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from ph_post.api.expansion import written_out
+from ph_post.api.further_axes import shifted_original
 from ph_post.api.inputs import Source, any_machine
 from ph_post.dialects.reading import read_program_file, read_program_pair
 from ph_post.dialects.registry import find_dialect
@@ -23,6 +24,7 @@ from ph_post.rehearse.rehearse import Rehearsal
 from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Machine
 from ph_post.verify import verify as verifying
+from ph_post.verify.shifted import verify_shifted
 from ph_post.verify.verdict import Verdict
 
 SAME_PATH: Final = compare.TOLERANCE
@@ -76,9 +78,14 @@ def verify(
     progress("reading")
     drives = None if machine is None else any_machine(machine)[0]
     programs = read_program_pair(original, compensated, drives, dialect)
-    programs = (written_out(*programs), programs[1])
+    shifted = shifted_original(programs[1])
     progress("comparing")
-    return verifying.verify(*programs, tolerance=tolerance, machine=drives)
+    if shifted is None:
+        return verifying.verify(written_out(*programs), programs[1], tolerance=tolerance, machine=drives)
+    first = verify_shifted(written_out(programs[0], shifted[1]), shifted[0], drives)
+    if not first.ok:
+        return first
+    return verifying.verify(shifted[0], programs[1], tolerance=tolerance, machine=drives)
 
 
 def diff(

@@ -17,7 +17,7 @@ from ph_post.dialects.declaration import read_declaration
 from ph_post.drive.intervals import IntervalTable
 from ph_post.edit import undo as edit_undo
 from ph_post.edit.edits import TOLERANCE
-from ph_post.expand.writing import is_written_out
+from ph_post.expand.writing import EXPANDED, SHIFTED
 from ph_post.files.storage import SourceBytes, is_program, or_shipped, read_raw
 from ph_post.gcode.program import PartProgram
 from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE, FeedMode
@@ -274,6 +274,8 @@ def undo(program: PartProgram | SourceBytes | Source) -> bytes:
     """
     raw = program if isinstance(program, PartProgram | SourceBytes) else read_raw(or_shipped("paths", program))
     data = raw.data
-    if read_declaration(data) is not None or not is_written_out(data):
+    if read_declaration(data) is not None or max(EXPANDED.first(data), SHIFTED.first(data)) < 0:
         data = edit_undo.undo(data, raw.name)
+    shifted = SHIFTED.read(data, raw.name)
+    data = data if shifted is None else shifted.original
     return before_expansion(data, raw.name) or data

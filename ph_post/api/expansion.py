@@ -13,7 +13,7 @@ from ph_post.errors import InputError
 from ph_post.expand.expand import ExpandError, Expansion, Folders, expand
 from ph_post.expand.macro import FanucNumbers
 from ph_post.expand.tools import ToolShape, tools_of_table
-from ph_post.expand.writing import Written, is_written_out, read_written
+from ph_post.expand.writing import EXPANDED, Written
 from ph_post.files.storage import SourceBytes, read_source
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
@@ -48,7 +48,7 @@ def expanded_job(
         Where the file of parameters or of tools cannot be read; of `strict` options also where the program cannot be
         written out.
     """
-    if not options.expand or read_declaration(job.data) is not None or is_written_out(job.data):
+    if not options.expand or read_declaration(job.data) is not None or EXPANDED.first(job.data) >= 0:
         return job, ()
     parameters = None if options.parameters is None else read_parameters(options.parameters)
     tools = None if options.tool_table is None else read_tools(options.tool_table)
@@ -140,7 +140,7 @@ def before_expansion(data: bytes, name: str) -> bytes | None:
     InputError
         Where the program was changed after that.
     """
-    found = read_written(data, name)
+    found = EXPANDED.read(data, name)
     return None if found is None else found.original
 
 
@@ -151,7 +151,7 @@ def written_out(original: PartProgram, compensated: PartProgram) -> PartProgram:
     """
     try:
         plain = original_of(compensated) or compensated
-        kept = read_written(plain.data, plain.name)
+        kept = EXPANDED.read(plain.data, plain.name)
         if kept is None or kept.original != original.data:
             return original
         again = _again(original, kept)

@@ -13,7 +13,7 @@ from ph_post.api.options import CompensateOptions
 from ph_post.api.results import AxisReversals, MotionResult, ReversalCount
 from ph_post.compensate.options import PlanOutput
 from ph_post.errors import NotCompensatedError
-from ph_post.expand.writing import is_written_out
+from ph_post.expand.writing import EXPANDED
 from ph_post.files.check import counted
 from ph_post.files.storage import write_atomically
 from ph_post.files.table import table_content
@@ -161,7 +161,7 @@ def passed_through(program: PartProgram) -> tuple[str, ...]:
         return ()
     first = f"line {notes[0].first + 1}: {notes[0].what}"
     kinds = (*_COMPUTED, *_MACROS) if program.language.read is None else _MACROS
-    if any(note.what.startswith(kinds) for note in notes) and not is_written_out(program.data):
+    if any(note.what.startswith(kinds) for note in notes) and EXPANDED.first(program.data) < 0:
         first += "; --expand writes out what computes"
     return (f"{counted(len(notes), 'stretch', 'stretches')} passed through unchanged ({first})",)
 

@@ -8,6 +8,7 @@ import msgspec
 
 from ph_post.api.compensated_program import CompensatedProgram, ProgramRequest
 from ph_post.api.expansion import expanded_job
+from ph_post.api.further_axes import ShiftedJob, shifted_job
 from ph_post.api.inputs import Source, machine_named, program_in, raw_job
 from ph_post.api.options import CompensateOptions
 from ph_post.api.outcomes import Compensation, left_words, passed_through
@@ -80,6 +81,11 @@ class ProgramCompensation(Compensation):
         """The job, written out where that was asked for, and what has to be known of it."""
         return expanded_job(self._job, self.machine.dialect, self.options)
 
+    @cached_property
+    def shifted(self) -> ShiftedJob:
+        """The job with its axes beside X, Y and Z compensated, as far as the machine has such."""
+        return shifted_job(self.expansion[0], self.machine, self.request, strict=self.options.strict)
+
     @property
     def expanded(self) -> bool:
         """Whether the program was written out."""
@@ -89,7 +95,7 @@ class ProgramCompensation(Compensation):
     def edited(self) -> CompensatedProgram:
         """The program before and after, with the changes."""
         self.options.check_for_program()
-        program = program_in(self.expansion[0], self.machine.dialect, strict=self.options.strict)
+        program = program_in(self.shifted.job, self.machine.dialect, strict=self.options.strict)
         return compensate_program(program, self.machine, self.request, self._progress)
 
     @property
@@ -100,7 +106,7 @@ class ProgramCompensation(Compensation):
     @property
     def unchanged(self) -> bool:
         """True where nothing had to change."""
-        return self.edited.after.data == self.edited.before.data
+        return self.edited.after.data == self.edited.before.data and not self.shifted.changed
 
     @property
     def already_compensated(self) -> bool:
@@ -132,21 +138,22 @@ class ProgramCompensation(Compensation):
         if self.output == "table":
             return self.longest.warnings
         said = (*gravity_notes(self.machine, moved_axes(self.original)), *planner_notes(self.machine))
-        return (*self.expansion[1], *self.edited.warnings, *said)
+        return (*self.expansion[1], *self.shifted.warnings, *self.edited.warnings, *said)
 
     @property
     def axis_reversals(self) -> tuple[AxisReversals, ...]:
         """Numbers of reversals of every axis with backlash."""
         if self.output == "table":
             return self.longest.axis_reversals
-        return count_program_reversals(self.places, self.machine)
+        return (*count_program_reversals(self.places, self.machine), *self.shifted.reversals)
 
     @property
     def not_compensated(self) -> str:
         """What is not compensated, why, and what would change that; empty where all is."""
         if self.output == "table":
             return self.longest.not_compensated
-        return left_words(self.axis_reversals, self.planned.warnings, passed_through(self.original))
+        warnings = (*self.planned.warnings, *self.shifted.warnings)
+        return left_words(self.axis_reversals, warnings, passed_through(self.original))
 
     @cached_property
     def planned(self) -> CompensatedProgram:

@@ -63,7 +63,9 @@ def find_last(data: bytes, words: str) -> int:
     return max(data.rfind(text.encode()) for one in begins for text in (one, one.upper()))
 
 
-_WRITTEN: Final = re.compile(rb"[(;] ?ph-post [^\r\n]{1,40}(?:, strategy| compensated this program)", re.IGNORECASE)
+_WRITTEN: Final = re.compile(
+    rb"[(;] ?ph-post(?: [^\r\n]{1,40}(?:, strategy| compensated this program)|-axes: )", re.IGNORECASE
+)
 """How what this package writes says so, within the first lines."""
 
 _FIRST: Final = 1 << 16

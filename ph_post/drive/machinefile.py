@@ -37,6 +37,8 @@ from ph_post.files.machine import (
     ControllerRecord,
     ControlRecord,
     MachineRecord,
+    RotaryRecord,
+    SlideRecord,
 )
 from ph_post.files.storage import SourceText, or_shipped, read_source
 from ph_post.types import (
@@ -53,7 +55,7 @@ from ph_post.types import (
     Tool,
     Uncertainty,
 )
-from ph_post.units import MM, MS, PERCENT
+from ph_post.units import DEGREE, MM, MS, PERCENT
 
 
 def effect_settings(tables: Sequence[dict[str, Any]], axis: Axis, file: str, keys: Keys) -> tuple[EffectSetting, ...]:
@@ -188,6 +190,7 @@ def machine_of(text: SourceText) -> Machine:
         planner=_planner_settings(record.controller, text.name),
         tool=_tool(record.controller, text.name),
         own_correction=_own_correction(record.controller, text.name),
+        further={name: _further_axis(name, axis) for name, axis in record.axes.further().items()},
         digest=text.digest,
     )
 
@@ -291,6 +294,26 @@ def _axis(name: str, record: AxisRecord, file: str) -> Axis:
         gravity_side=record.gravity_side,
     )
     return replace(axis, effects=effect_settings(record.effects, axis, file, ("axes", name, "effects")))
+
+
+def _further_axis(name: str, record: RotaryRecord | SlideRecord) -> Axis:
+    """Make an axis beside X, Y and Z; one that turns has rad in the place of m."""
+    if isinstance(record, RotaryRecord):
+        unit, lost = DEGREE, record.lost_motion_deg
+        limits = record.max_velocity_deg_s, record.max_acceleration_deg_s2, record.max_jerk_deg_s3
+    else:
+        unit, lost = MM, record.lost_motion_mm
+        limits = record.max_velocity_mm_s, record.max_acceleration_mm_s2, record.max_jerk_mm_s3
+    velocity, acceleration, jerk = (limit * unit for limit in limits)
+    return Axis(
+        name=name,
+        feedback=record.feedback,
+        servo=Servo(b=record.b, c=record.c),
+        gap=Gap(lost_motion=lost * unit),
+        limits=Limits(velocity=velocity, acceleration=acceleration, jerk=jerk),
+        uncertainty=Uncertainty(backlash=record.backlash_uncertainty),
+        reference_direction=record.reference_direction,
+    )
 
 
 class _MotorConstants(NamedTuple):

@@ -28,11 +28,11 @@ from ph_post.edit.word_shifts import (
     shifted_words,
 )
 from ph_post.errors import InputError
-from ph_post.gcode.further import ROTARY, further_words
+from ph_post.gcode.further import further_words
 from ph_post.gcode.lexer import split_lines
 from ph_post.gcode.program import ByteArray, PartProgram
 from ph_post.gcode.working import working_motions
-from ph_post.types import Array, IntArray, Machine, sealed
+from ph_post.types import ROTARY_AXES, Array, IntArray, Machine, sealed
 from ph_post.units import MM
 from ph_post.version import package_version
 
@@ -58,7 +58,7 @@ _LARGEST: Final = 10**13
 """Numbers of more digits than this would not survive the sum with an offset."""
 
 
-class _Numbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class ShiftedNumbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Shifted numbers by word: their new text in `pool`, `bounds` in it, and the data that the inverse needs."""
 
     word: IntArray
@@ -131,7 +131,7 @@ def apply_changes(program: PartProgram, changes: Iterable[Change], dialect: Dial
     _refuse_marks(program)
     step = next(iter(program_units(program)), MM) * 10.0 ** -word_decimals(dialect, MM)
     found = motion_offsets(np.zeros((program.motions.kind.size, 3)), [], step)
-    numbers = _numbers(program, shifted_words(program, found), 0, int(dialect.numbers.point))
+    numbers = shifted_numbers(program, shifted_words(program, found), 0, int(dialect.numbers.point))
     ordered = sorted(changes, key=lambda change: change.block)
     text = _with_payload(program, *_assemble_text(program, numbers, ordered, dialect, declaration), dialect)
     if _restores(text, program):
@@ -157,7 +157,7 @@ def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
     step = units[0] * 10.0**-decimals
     tasks = schedule(edits, program.motions, step)
     found = motion_offsets(edits.offset, tasks, step)
-    numbers = _numbers(program, shifted_words(program, found), decimals, int(dialect.numbers.point))
+    numbers = shifted_numbers(program, shifted_words(program, found), decimals, int(dialect.numbers.point))
     writer = ChangeWriter(
         program,
         dialect,
@@ -182,7 +182,7 @@ def _restores(text: bytes, program: PartProgram) -> bool:
         return False
 
 
-def _numbers(program: PartProgram, changed: ShiftedWords, decimals: int, least: int) -> _Numbers:
+def shifted_numbers(program: PartProgram, changed: ShiftedWords, decimals: int, least: int) -> ShiftedNumbers:
     """Add to every number the shift of its word, with at least `least` decimals."""
     words, word = program.words, changed.word
     if word.size:
@@ -193,7 +193,7 @@ def _numbers(program: PartProgram, changed: ShiftedWords, decimals: int, least: 
     data = np.frombuffer(program.data, np.uint8)
     pool, bounds, style, odd = shift_numbers(data, columns, word, number, delta)
     pairs = tuple((int(steps), int(places)) for steps, places in delta.tolist())
-    return _Numbers(word=word, number=number, pool=pool, bounds=bounds, style=style, odd=odd, delta=pairs)
+    return ShiftedNumbers(word=word, number=number, pool=pool, bounds=bounds, style=style, odd=odd, delta=pairs)
 
 
 def _check_digits(program: PartProgram, word: IntArray) -> None:
@@ -230,15 +230,15 @@ def _trimmed(count: int, decimals: int, least: int) -> tuple[int, int]:
 
 
 def _assemble_text(
-    program: PartProgram, numbers: _Numbers, changes: list[Change], dialect: Dialect, declaration: Declaration
+    program: PartProgram, numbers: ShiftedNumbers, changes: list[Change], dialect: Dialect, declaration: Declaration
 ) -> tuple[bytes, Payload]:
     """Assemble the new text, and the payload that undoes it."""
-    end, line = line_end(program), _head_line(program)
+    end, line = line_end(program), head_line(program)
     data = program.data if program.data.endswith((b"\n", b"\r")) else program.data + end.encode()
     lines = np.append(program.lines[:-1], len(data))
     head = declaration_lines(declaration, dialect.syntax.max_line, dialect.syntax.comments)
     head += declaration.commands
-    texts = [_join_lines(head, end), *(_join_lines(_change_lines(change, dialect), end) for change in changes)]
+    texts = [join_lines(head, end), *(join_lines(_change_lines(change, dialect), end) for change in changes)]
     places = [(line, line), *((change.block, change.block + change.removed) for change in changes)]
     outside = np.ones(program.blocks + 1, dtype=np.bool_)
     for first, last in places:
@@ -283,11 +283,12 @@ def _change_lines(change: Change, dialect: Dialect) -> list[str]:
     return [line, *change.lines]
 
 
-def _join_lines(lines: list[str], end: str) -> bytes:
+def join_lines(lines: list[str], end: str) -> bytes:
+    """Return lines with their line ends, as bytes."""
     return "".join(line + end for line in lines).encode("latin-1")
 
 
-def _head_line(program: PartProgram) -> int:
+def head_line(program: PartProgram) -> int:
     """Return the line before which the header goes: behind a leading percent sign and a program number.
 
     A byte order mark stays the first of all.
@@ -323,7 +324,7 @@ def _with_payload(program: PartProgram, body: bytes, payload: Payload, dialect: 
     closing = program.language.closing
     last = None if closing is None else closing.search(body)
     at = len(body) if last is None else last.start()
-    return body[:at] + _join_lines(lines, line_end(program)) + body[at:]
+    return body[:at] + join_lines(lines, line_end(program)) + body[at:]
 
 
 _DIGITS: Final = 16
@@ -350,7 +351,7 @@ def declare(
     count, stops = stops_written(tasks, program.motions)
     asked = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
     held = (CUT if working_motions(program, machine.tool).tool == "cutter" else HELD,) if edits.amplitude else ()
-    rotary = np.isin(program.words.letter[further_words(program)], [ord(letter) for letter in ROTARY])
+    rotary = np.isin(program.words.letter[further_words(program)], [ord(letter) for letter in ROTARY_AXES])
     turning = (FIXED,) if rotary.any() else ()
     pauses = [dialect.syntax.dwell.written(pause, dialect.numbers.feed_digits) for pause in asked if pause > 0.0]
     return Declaration(

@@ -16,7 +16,8 @@ from ph_post.expand.lines import Source
 from ph_post.expand.macro import FanucNumbers
 from ph_post.expand.run import ProgramRunner
 from ph_post.expand.tools import ToolShape
-from ph_post.expand.writing import DECIMALS, Written, head_line, is_written_out, with_original
+from ph_post.expand.writing import DECIMALS, EXPANDED, Written, head_line
+from ph_post.gcode.numbers import Comments
 
 _NEEDED: Final = re.compile(
     rb"#|\[|^[ \t]*/?[ \t]*(?:N[ \t\d.]*)?O[ \t]*[<\d]|"
@@ -140,7 +141,7 @@ def expand(
     >>> found.data.split(b"\n")[2:7]
     [b'G21', b'G91 G1 X2.5', b'G91 G1 X5.', b'M30', b'O2']
     """
-    if is_written_out(data) or not computes(data, fanuc=fanuc is not None):
+    if EXPANDED.first(data) >= 0 or not computes(data, fanuc=fanuc is not None):
         return Expansion(data=data)
     folders, source = folders or Folders(), Source(name, data.decode("latin-1"))
     if fanuc is not None:
@@ -198,7 +199,7 @@ def _joined(data: bytes, lines: list[str], written: Written) -> bytes:
     head = head_line(hashlib.sha256(data).hexdigest(), upper=upper)
     text = b"".join(line.encode("latin-1") + end for line in [*lines[:at], head, *lines[at:]])
     digest = hashlib.sha256(text).hexdigest()
-    return with_original(text, msgspec.structs.replace(written, digest=digest), end, upper=upper)
+    return EXPANDED.add(text, msgspec.structs.replace(written, digest=digest), end, Comments(upper=upper))
 
 
 __all__ = ["ExpandError", "Expansion", "Folders", "computes", "expand"]

@@ -13,7 +13,17 @@ import msgspec
 import tomlkit
 from tomlkit.items import AoT, Item, Table
 
-from ph_post.types import LOOPS, ByAxis, EffectSetting, Feedback, GravitySide, Loop, ReferenceDirection, Tool
+from ph_post.types import (
+    FURTHER_AXES,
+    LOOPS,
+    ByAxis,
+    EffectSetting,
+    Feedback,
+    GravitySide,
+    Loop,
+    ReferenceDirection,
+    Tool,
+)
 from ph_post.units import MM, MS
 
 DIGITS: Final = 7
@@ -427,9 +437,53 @@ class AxisRecord(MachineTableRecord, frozen=True, kw_only=True):
         return LOOPS[self.feedback]
 
 
+class FurtherRecord(MachineTableRecord, frozen=True, kw_only=True):
+    """What a rotary axis and a further linear one have in common."""
+
+    feedback: Feedback
+    b: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
+    c: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
+    reference_direction: ReferenceDirection = "both"
+    backlash_uncertainty: Relative = 0.2
+
+
+class RotaryRecord(FurtherRecord, frozen=True, kw_only=True):
+    """``[axes.A]``, ``B`` and ``C``."""
+
+    lost_motion_deg: Annotated[float, msgspec.Meta(ge=0, le=45)]
+    max_velocity_deg_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e6)]
+    max_acceleration_deg_s2: Annotated[float, msgspec.Meta(ge=1e-2, le=1e9)]
+    max_jerk_deg_s3: Annotated[float, msgspec.Meta(ge=1e-2, le=1e12)] = 1e12
+
+
+class SlideRecord(FurtherRecord, frozen=True, kw_only=True):
+    """``[axes.U]``, ``V`` and ``W``."""
+
+    lost_motion_mm: Annotated[float, msgspec.Meta(ge=0, le=100)]
+    max_velocity_mm_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e6)]
+    max_acceleration_mm_s2: Annotated[float, msgspec.Meta(ge=1e-2, le=1e9)]
+    max_jerk_mm_s3: Annotated[float, msgspec.Meta(ge=1e-2, le=1e12)] = 1e12
+
+
+class AxesRecord(ByAxis[AxisRecord], frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """``[axes]``."""
+
+    A: RotaryRecord | None = None
+    B: RotaryRecord | None = None
+    C: RotaryRecord | None = None
+    U: SlideRecord | None = None
+    V: SlideRecord | None = None
+    W: SlideRecord | None = None
+
+    def further(self) -> dict[str, RotaryRecord | SlideRecord]:
+        """Return the axes beside X, Y and Z that are given."""
+        found = {axis: getattr(self, axis) for axis in FURTHER_AXES}
+        return {axis: record for axis, record in found.items() if record is not None}
+
+
 class MachineRecord(MachineTableRecord, frozen=True, kw_only=True):
     """The whole file."""
 
     name: str | None = None
     controller: ControllerRecord
-    axes: ByAxis[AxisRecord]
+    axes: AxesRecord

@@ -78,6 +78,8 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     further : str
         Letters of axes of their own beside X, Y and Z, which begin and end their moves together with them: A, B and
         C turn, U, V and W are linear.
+    shortest : bool
+        Whether an axis that turns may go to its place (G90) by the shorter way round.
     """
 
     name: str = ""
@@ -98,6 +100,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     closing: re.Pattern[bytes] | None = None
     turns: Callable[[int], str] = "P{}".format
     further: str = "ABCUVW"
+    shortest: bool = False
 
     def hidden(self, data: bytes) -> bytes:
         """Return a program's text as the reader of RS274/NGC is to have it."""
@@ -251,7 +254,8 @@ class Break(msgspec.Struct, frozen=True, kw_only=True):
 class Note(msgspec.Struct, frozen=True, kw_only=True):
     """A stretch that is passed through as it is: blocks `first` to `last`, what was met, in which column.
 
-    `refusal` is what was met, what was expected and what was found, where controllers refuse it.
+    `refusal` is what was met, what was expected and what was found, where controllers refuse it; `why` the reason of
+    :mod:`ph_post.gcode.codes`, 0 of what a reader of its own says.
     """
 
     first: int
@@ -259,6 +263,7 @@ class Note(msgspec.Struct, frozen=True, kw_only=True):
     column: int
     what: str
     refusal: tuple[str, str, str] | None = None
+    why: int = 0
 
 
 class Modal(msgspec.Struct, frozen=True, kw_only=True):

@@ -130,7 +130,7 @@ def _note(lexed: Lexed, data: bytes, first: int, last: int, found: _Blocks) -> N
         what = _TEXTS[why]
     text = data[start:end].decode("utf-8", "replace").strip()
     column = len(data[int(lexed.lines[first]) : start].decode("utf-8", "replace")) + 1
-    return Note(first=first, last=last, column=column, what=f"{what}: {shortened(text)}", refusal=refusal)
+    return Note(first=first, last=last, column=column, what=f"{what}: {shortened(text)}", refusal=refusal, why=why)
 
 
 def shortened(text: str) -> str:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 from ph_post.api.compensated_program import CompensatedProgram
 from ph_post.api.crossed_paths import CrossedPath
 from ph_post.api.led_programs import OverrideError
 from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.api.reversals import ProgramReversal
+from ph_post.edit.further_write import offset_words
 from ph_post.files.check import counted
 from ph_post.quantities import millimetres
 from ph_post.report.result_line import ResultSummary, summary_view
 from ph_post.report.views import View, crossing_view, profile_view, turning_point_views
 from ph_post.units import MM
+
+UNCHANGED: Final = "nothing to change"
 
 
 def window_views(reversals: Sequence[ProgramReversal]) -> list[View]:
@@ -44,14 +47,20 @@ def program_summary(result: ProgramCompensation) -> str:
     name = result.original.name
     if result.already_compensated:
         return f"{name}: already compensated for this machine with these options: unchanged"
-    return f"{name}: {changes_summary(result.edited)}"
+    further = [
+        f"{plan.axis.name} by {offset_words(plan)}, {counted(plan.added_moves, 'short move')} added"
+        for plan in result.shifted.plans
+        if plan.shifts or plan.added
+    ]
+    said = changes_summary(result.edited)
+    return f"{name}: {'; '.join([*further, *([] if further and said == UNCHANGED else [said])])}"
 
 
 def changes_summary(delivery: CompensatedProgram) -> str:
     """Summarize what was changed in a program."""
     edits = delivery.edits
     if edits is None or delivery.verdict is None:
-        return "nothing to change"
+        return UNCHANGED
     declared = delivery.declaration
     signs = {axis: "+" if side > 0 else "-" for axis, side in edits.one_sided.items()}
     offsets = [

@@ -9,6 +9,7 @@ import msgspec
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.compensated_program import CompensatedProgram
+from ph_post.api.further_axes import FurtherError
 from ph_post.api.outcomes import Compensation, left_words, passed_through
 from ph_post.api.path_compensation import PathCompensation
 from ph_post.api.program_compensation import ProgramCompensation
@@ -32,8 +33,8 @@ from ph_post.quantities import rounded_micrometres, rounded_seconds
 from ph_post.report.views import plan_view
 from ph_post.simulate.contour import ContourError
 from ph_post.simulate.controllers.run import moved_axes
-from ph_post.types import Command, Machine, Plan
-from ph_post.units import MINUTE, MM
+from ph_post.types import ROTARY_AXES, Command, Machine, Plan
+from ph_post.units import DEGREE, MINUTE, MM
 
 HIDING: Final = 1.1
 """Times the backlash error that the error by all causes is before it is said beside it."""
@@ -50,6 +51,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     `sides` are the largest distances to the left and to the right of the path before and after [m], and `part_side` 1
     where the part is on the left, -1 where it is on the right. `leads` names what the compensated motion leads, empty
     where nothing: what backlash alone adds hides behind that before, and the error by all causes is said too.
+    `further` are axes beside X, Y and Z.
     """
 
     time: tuple[float, float] | None = None
@@ -65,6 +67,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     sides: tuple[tuple[float, float] | None, tuple[float, float] | None] = (None, None)
     part_side: int = 0
     leads: str = ""
+    further: tuple[FurtherError, ...] = ()
 
 
 def summarize(result: Compensation, output: PlanOutput | None = None, *, simulated: bool = True) -> ResultSummary:
@@ -89,11 +92,14 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
         notes = path.notes
     else:
         assert isinstance(path, ProgramCompensation)
-        rows, warnings, notes = path.axis_reversals, path.planned.warnings, passed_through(path.original)
+        rows, notes = path.axis_reversals, passed_through(path.original)
+        warnings = (*path.planned.warnings, *path.shifted.warnings)
         moved = moved_axes(path.original)
         found = _simulated(path.before, path.after, path.machine, moved) if simulated else None
         side, leads = path.options.editing.part_side, _led_in_program(path.edited)
-        found = msgspec.structs.replace(found or ResultSummary(), part_side=side, leads=leads)
+        found = msgspec.structs.replace(
+            found or ResultSummary(), part_side=side, leads=leads, further=path.shifted.errors
+        )
     return _counted(found or ResultSummary(), rows, warnings, notes)
 
 
@@ -197,6 +203,7 @@ X, Y, Z compensated, 42 of 42 reversals
         before, after = rounded_seconds(*found.time)
         parts += [f"into the part {_into_part(found)}"] if _into_part(found) else []
         parts.append(f"{after} s" if found.alone else f"{before} → {after} s")
+    parts += [_further_words(one) for one in found.further]
     parts += [words for words in [_axis_words(found), *_whole_error_words(found)] if words]
     said = [f"NOT COMPENSATED: {found.left}"] if found.left else []
     return [*said, "; ".join(parts)]
@@ -269,6 +276,24 @@ def _axis_words(found: ResultSummary) -> str:
     return f"{done}, {found.reversals.compensated} of {counted(found.reversals.all, 'reversal')}"
 
 
+def _further_unit(axis: str) -> tuple[str, float]:
+    return ("deg", DEGREE) if axis in ROTARY_AXES else ("mm", MM)
+
+
+def _further_words(found: FurtherError) -> str:
+    """Say in its own unit how far an axis beside X, Y and Z is off."""
+    unit, scale = _further_unit(found.axis)
+    before, after, worst = (f"{round(one.max / scale, 5):g}" for one in (found.before, found.after, found.after_worst))
+    return f"{found.axis} {before} → {after} {unit} max ({worst} if its backlash is off)"
+
+
+def _further_view(found: FurtherError) -> dict[str, Any]:
+    unit, scale = _further_unit(found.axis)
+    sizes = {"before": found.before, "after": found.after, "after_worst": found.after_worst}
+    errors = {name: {"max": one.max / scale, "rms": one.rms / scale} for name, one in sizes.items()}
+    return {"unit": unit, **errors, "reversals": {"compensated": found.done, "all": found.reversals}}
+
+
 def summary_view(found: ResultSummary) -> dict[str, Any]:
     """Return a summary as INTERFACE has it in JSON: lengths in mm, times in s, null for what does not exist."""
     before, after = (_size(one) for one in found.error_gap)
@@ -281,6 +306,7 @@ def summary_view(found: ResultSummary) -> dict[str, Any]:
         "part_side": {1: "left", -1: "right"}.get(found.part_side),
         "reversals": None if found.reversals is None else found.reversals._asdict(),
         "axes": list(found.axes),
+        "further_axes": {one.axis: _further_view(one) for one in found.further},
         "not_compensated": found.left or None,
         "not_simulated": found.trouble or None,
         "result_line": result_lines(found)[-1],

@@ -4,7 +4,9 @@ from ph_post.types.arrays import Array, BoolArray, IntArray, Sealed, frozen, joi
 from ph_post.types.log import AxisLog, EffortUnit, Event, EventKind, Log, LogSide, Run
 from ph_post.types.loops import CONTROLLED_LOOPS, ENCLOSING_LOOPS, EVERY_LOOP, LOOPS, Feedback, Loop
 from ph_post.types.machine import (
+    FURTHER_AXES,
     MACHINE_AXES,
+    ROTARY_AXES,
     USUAL_REFERENCE,
     Axis,
     AxisName,
@@ -54,8 +56,10 @@ __all__ = [
     "CONTROLLED_LOOPS",
     "ENCLOSING_LOOPS",
     "EVERY_LOOP",
+    "FURTHER_AXES",
     "LOOPS",
     "MACHINE_AXES",
+    "ROTARY_AXES",
     "USUAL_REFERENCE",
     "Array",
     "Axis",

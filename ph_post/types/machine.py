@@ -15,6 +15,10 @@ AxisName = Literal["X", "Y", "Z"]
 MACHINE_AXES: Final[tuple[str, ...]] = get_args(AxisName)
 """The linear axes that files of machines, paths, logs and tables may have."""
 
+ROTARY_AXES: Final = ("A", "B", "C")
+FURTHER_AXES: Final = (*ROTARY_AXES, "U", "V", "W")
+"""Axes that only machine files and part programs have."""
+
 Flank = Literal["+", "-", "unknown"]
 Pickup = Literal["standstill", "momentum", "contact"]
 ReferenceDirection = Literal["+", "-", "both"]
@@ -202,6 +206,8 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
 
     `tool` is what works there, None where the file does not say it. `own_correction` is the part of the backlash that
     the controller corrects by itself outside of our programs (F of Marlin's M425), None where the file does not say it.
+    `further` are its axes beside X, Y and Z, of :data:`FURTHER_AXES`, which part programs alone move; A, B and C turn,
+    and have rad in the place of m.
     """
 
     name: str
@@ -211,6 +217,7 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     planner: PlannerSettings = PlannerSettings()
     tool: Tool | None = None
     own_correction: float | None = None
+    further: Mapping[str, Axis] = {}
     digest: str = ""
 
 

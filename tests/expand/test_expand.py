@@ -8,7 +8,7 @@ from ph_post.api.expansion import before_expansion, written_out
 from ph_post.dialects.reading import read_as
 from ph_post.errors import InputError
 from ph_post.expand.expand import ExpandError, Folders, computes, expand
-from ph_post.expand.writing import read_written
+from ph_post.expand.writing import EXPANDED
 
 HEAD = "G21 G90 G17 G98 G64 P0.01\nG0 X0 Y0 Z5\n"
 
@@ -132,7 +132,7 @@ def test_subprograms_are_found_in_folders_and_kept(tmp_path):
     folders = Folders((tmp_path / "none", tmp_path))
     found = expand(data, "a.ngc", folders).data
     assert b"\nG0 X3\n" in found
-    kept = read_written(found, "a.ngc")
+    kept = EXPANDED.read(found, "a.ngc")
     assert list(kept.files) == ["corner.ngc"]
     (tmp_path / "corner.ngc").write_text("o<corner> sub\nG0 X9\no<corner> endsub\n")
     before, after = read_as("linuxcnc", data, "a.ngc"), read_as("linuxcnc", found, "a.ngc")

@@ -140,7 +140,7 @@ def _with_calculator(dialect: Dialect) -> Dialect:
 def _reading(dialect: Dialect, **how: Any) -> Language:
     """Return the language of a dialect that is read with further options."""
     read: Any = dialect.language.read
-    return Language(read=partial(read, **how), further=FURTHER)
+    return Language(read=partial(read, **how), further=FURTHER, shortest=True)
 
 
 _VARIANTS: Final[Mapping[str, Callable[[Dialect], Dialect]]] = {
@@ -163,7 +163,7 @@ DIALECT = Dialect(
     ),
     abilities=Abilities(),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6, feed_decimals=_FEED_DECIMALS, point=True),
-    language=Language(read=read_fanuc, further=FURTHER),
+    language=Language(read=read_fanuc, further=FURTHER, shortest=True),
     notices=Notices(
         assumed=(PRECONDITIONS, end_remark("M30"), "the program number may be taken: change it"),
     ),

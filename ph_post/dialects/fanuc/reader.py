@@ -26,6 +26,7 @@ from ph_post.dialects.reading import (
     read_translated,
     text_of,
 )
+from ph_post.gcode.codes import QUIET
 from ph_post.gcode.program import AXES, NURBS, Language, Note, NurbsData, PartProgram, PlaceArray, WordTable
 from ph_post.gcode.words import lines_of, read_words
 from ph_post.geometry.exact_polynomials import floats
@@ -286,9 +287,8 @@ def read_fanuc(data: bytes, name: str, *, calculator: bool = False, decimals: in
     for one in nurbs:
         one.write(texts, remarks)
     rule = None if calculator else partial(in_increments, decimals=decimals)
-    found = read_translated(
-        data, lines, name, texts, remarks, in_place=True, language=Language(lengths=rule, further=FURTHER)
-    )
+    language = Language(lengths=rule, further=FURTHER, shortest=True)
+    found = read_translated(data, lines, name, texts, remarks, in_place=True, language=language)
     found = _in_seconds(with_nurbs(found, nurbs), dwells)
     return found if calculator else _say_increments(found, texts, decimals)
 
@@ -306,7 +306,7 @@ def _say_increments(program: PartProgram, texts: Sequence[bytes], decimals: int)
     step = f"1e-{decimals} mm or 1e-{decimals + 1} inch (fanuc+calculator: 1)"
     what = f"lengths without a decimal point count {step}: {text}"
     column = int(words.start[rows[0]] - lines[block]) + 1
-    note = Note(first=block, last=block, column=column, what=what)
+    note = Note(first=block, last=block, column=column, what=what, why=QUIET)
     notes = sorted([*program.notes, note], key=lambda one: one.first)
     return msgspec.structs.replace(program, notes=tuple(notes))
 

@@ -1,0 +1,157 @@
+"""Compensate axes beside X, Y and Z of a part program, before X, Y and Z, and say what comes of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.api.compensated_program import ProgramRequest, refusal
+from ph_post.api.inputs import program_in
+from ph_post.api.results import AxisReversals
+from ph_post.compensate.strategies.registry import find_traits
+from ph_post.dialects.registry import find_dialect
+from ph_post.edit.further_edits import FurtherAxisPlan, plan_further
+from ph_post.edit.further_write import FurtherRequest, write_further
+from ph_post.edit.undo import original_of
+from ph_post.edit.window_plans import shifts_axes
+from ph_post.errors import InputError
+from ph_post.expand.writing import SHIFTED
+from ph_post.files.storage import SourceBytes
+from ph_post.gcode.program import PartProgram
+from ph_post.gcode.read import reread
+from ph_post.simulate.contour import ContourError
+from ph_post.types import Machine
+from ph_post.verify.shifted import verify_shifted
+from ph_post.version import package_version
+
+_HEAD: Final = re.compile(rb"ph-post-axes: (\S+) compensated axes", re.IGNORECASE)
+_HASHES: Final = re.compile(rb"ph-post-axes: (?:machine .*?, sha256|options sha256)[\s();]*([0-9a-f]+)", re.IGNORECASE)
+
+
+class FurtherError(msgspec.Struct, frozen=True, kw_only=True):
+    """How far the table of an axis beside X, Y and Z is from where it should be while the tool works [rad or m].
+
+    `before` and `after` at the values of the machine file, `after_worst` if the backlash is off by its uncertainty;
+    `reversals` of the axis, and `done` of them.
+    """
+
+    axis: str
+    before: ContourError
+    after: ContourError
+    after_worst: ContourError
+    reversals: int
+    done: int
+
+
+class ShiftedJob(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A job of which axes beside X, Y and Z are compensated, or the job itself.
+
+    `changed` says that it was changed here, `done` that it was so before; `plans` and `warnings` are those of the axes.
+    """
+
+    job: PartProgram | SourceBytes
+    plans: tuple[FurtherAxisPlan, ...] = ()
+    warnings: tuple[str, ...] = ()
+    changed: bool = False
+    done: bool = False
+
+    @property
+    def errors(self) -> tuple[FurtherError, ...]:
+        """What comes of each axis."""
+        return tuple(_error(plan) for plan in self.plans)
+
+    @property
+    def reversals(self) -> tuple[AxisReversals, ...]:
+        """Numbers of reversals, those among cuts."""
+        return tuple(
+            AxisReversals(axis=one.axis, compensated=one.done, all=one.reversals, cut=one.reversals - one.done)
+            for one in self.errors
+        )
+
+
+def shifted_job(
+    job: PartProgram | SourceBytes, machine: Machine, request: ProgramRequest, *, strict: bool = False
+) -> ShiftedJob:
+    """Compensate the axes beside X, Y and Z of a job that a machine has and the program moves.
+
+    Raises
+    ------
+    InputError
+        Where it was compensated for something else before.
+    PhPostError
+        Where the outcome does not pass its check.
+    """
+    asked = find_traits(request.plan.strategy).compensates and shifts_axes(request.plan) and not request.lead
+    if not machine.further or not asked:
+        return ShiftedJob(job=job)
+    program = program_in(job, machine.dialect, strict=strict)
+    plain = original_of(program) or program
+    kept = SHIFTED.read(plain.data, plain.name)
+    wanted = FurtherRequest.of(machine, request.digest(machine.dialect))
+    base, dialect = plain if kept is None else reread(plain, kept.original), find_dialect(machine.dialect)
+    same = kept is not None and _hashes(plain) == (package_version(), wanted.machine_digest, wanted.options_digest)
+    if kept is not None and not same and not request.force:
+        raise InputError(
+            program.name,
+            "axes beside X, Y and Z were compensated before, otherwise or for another machine",
+            expected="the original, or --force to begin again from it, or --undo",
+        )
+    if plain is not program and not request.force and kept is None:
+        return ShiftedJob(job=job)
+    plans, said = plan_further(base, machine, dialect, request.edit)
+    if same and not request.force:
+        return ShiftedJob(job=job, plans=tuple(plans), warnings=tuple(said), done=True)
+    data = write_further(base, plans, dialect, wanted)
+    after = reread(base, data)
+    verdict = verify_shifted(base, after, machine) if data != base.data else None
+    if verdict is not None and not verdict.ok:
+        raise refusal(program.name, verdict)
+    return ShiftedJob(job=after, plans=tuple(plans), warnings=tuple(said), changed=data != base.data)
+
+
+def _hashes(program: PartProgram) -> tuple[str, ...]:
+    """Return version and hashes in the head of a program."""
+    version = _HEAD.search(program.data)
+    found = [one.decode("ascii").lower() for one in _HASHES.findall(program.data)]
+    return ("" if version is None else version[1].decode("latin-1"), *found)
+
+
+def shifted_original(compensated: PartProgram) -> tuple[PartProgram, PartProgram] | None:
+    """Return a program before X, Y and Z were compensated, and before its other axes were; None if they were not."""
+    try:
+        plain = original_of(compensated) or compensated
+        kept = SHIFTED.read(plain.data, plain.name)
+    except InputError:
+        return None
+    return None if kept is None else (plain, reread(plain, kept.original))
+
+
+def _error(plan: FurtherAxisPlan) -> FurtherError:
+    unsure = plan.axis.uncertainty.backlash
+    places = [stand.place for stand in plan.stands]
+    motors = [stand.motor for stand in plan.stands]
+    after = _played(plan, motors, 1.0)
+    worst = max((_played(plan, motors, 1.0 + sign * unsure) for sign in (-1, 1)), key=lambda one: one.max)
+    return FurtherError(
+        axis=plan.axis.name,
+        before=_played(plan, places, 1.0),
+        after=after,
+        after_worst=worst,
+        reversals=plan.reversals,
+        done=plan.done,
+    )
+
+
+def _played(plan: FurtherAxisPlan, motors: Sequence[float], factor: float) -> ContourError:
+    """Let a table with backlash follow its motor, and compare where it stands while the tool works."""
+    half, errors, table = 0.5 * factor * plan.axis.gap.lost_motion, [], np.nan
+    for stand, motor in zip(plan.stands, motors, strict=True):
+        table = motor if np.isnan(table) else min(max(table, motor - half), motor + half)
+        if stand.counts:
+            errors.append(table + plan.axis.reference_side * half - stand.place)
+    size = np.abs(np.array(errors or [0.0]))
+    return ContourError(max=float(size.max()), rms=float(np.sqrt(np.mean(size**2))))

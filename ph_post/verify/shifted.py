@@ -1,0 +1,309 @@
+"""Check the offsets of axes beside X, Y and Z, which a program has from before those of X, Y and Z."""
+
+from __future__ import annotations
+
+import math
+import re
+from bisect import bisect_left
+from decimal import Decimal
+from itertools import product
+
+import msgspec
+import numpy as np
+
+from ph_post.gcode.further import FurtherMoves, further_moves
+from ph_post.gcode.program import PartProgram
+from ph_post.types import Machine
+from ph_post.units import DEGREE, LENGTHS
+from ph_post.verify.verdict import Findings, Verdict, quoted
+
+_COMMENT = re.compile(rb"(?:\(|; )(.*?)\)?\s*")
+_MARK = "ph-post-axes: "
+_HEAD = re.compile(r"\S+ compensated axes beside X, Y and Z", re.IGNORECASE)
+_OFFSET = re.compile(r"offset ([ABCUVW]) ([-+]?\d*\.?\d+) (deg|mm|inch)", re.IGNORECASE)
+_ORIGINAL = re.compile(r"original sha256 ([0-9a-f]{64})", re.IGNORECASE)
+_MACHINE = re.compile(r"machine (.*), sha256 ?([0-9a-f]*)", re.IGNORECASE)
+_OTHERS = re.compile(r"options sha256 [0-9a-f]*|take-up [ABCUVW] [.\d]+ (?:deg|mm|inch)|\d+ short moves", re.IGNORECASE)
+_ADDED = re.compile(r"\+(\d+) -0 (.*)", re.IGNORECASE)
+_UNDO = re.compile(r"undo \d+/\d+ [A-Za-z0-9+/=]+", re.IGNORECASE)
+_MORE = re.compile(rb"(?:\(|; ) {2}(.*?)\)?\s*")
+_BAND = 0.1
+"""Part of its backlash by which an axis may turn back and be left where it is."""
+
+_SAME = 1e-9
+"""Angles [rad] and lengths [m] that differ by no more are the same."""
+
+
+class ShiftedAxis(msgspec.Struct, frozen=True, kw_only=True):
+    """Declared offset of an axis: its number, 0 to either side or the side that alone has it, its unit [rad, m]."""
+
+    number: Decimal
+    side: int
+    unit: float
+
+    @property
+    def offsets(self) -> set[Decimal]:
+        """What the axis may carry, as the numbers of its words have it."""
+        one = self.number
+        return {Decimal(0), one * self.side} if self.side else {Decimal(0), one, -one}
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """How far below and above its motor the table may be, as its places are referred."""
+        way = float(self.number) * self.unit
+        return (way if self.side >= 0 else 0.0, way if self.side <= 0 else 0.0)
+
+
+class _Layer(msgspec.Struct, kw_only=True):
+    """What a program declares, and which of its lines are the original's and which were added, by label."""
+
+    axes: dict[str, ShiftedAxis]
+    original: str
+    machine: str
+    own: list[int]
+    added: dict[int, str]
+
+
+def has_shifted_axes(program: PartProgram) -> bool:
+    """Return true where a program declares offsets of axes beside X, Y and Z."""
+    return any(_HEAD.fullmatch(_fact(program, line)) for line in range(min(program.blocks, 8)))
+
+
+def verify_shifted(original: PartProgram, shifted: PartProgram, machine: Machine | None = None) -> Verdict:
+    """Check that a program is its original but for declared offsets of axes beside X, Y and Z.
+
+    Every axis is followed with an ideal backlash: at all places at which something is cut the table is where the
+    original names it, or as far off as in the original; X, Y and Z, modes, feeds and commands are the same.
+
+    Parameters
+    ----------
+    original, shifted : PartProgram
+    machine : Machine, optional
+        The declaration is held to its lost motion.
+    """
+    findings = Findings()
+    layer = _read(shifted, findings)
+    if layer.original.lower() != original.digest:
+        findings.add("original", "the header names another original", expected=original.digest, got=layer.original)
+    if len(layer.own) != original.blocks:
+        what = f"{len(layer.own)} lines are not added, in place of the {original.blocks} lines of the original"
+        findings.add("lines", what)
+    if findings.verdict().found:
+        return findings.verdict()
+    if machine is not None:
+        _check_machine(layer, machine, findings)
+    _check_lines(original, shifted, layer, findings)
+    _check_rest(original, shifted, layer, findings)
+    for letter, axis in layer.axes.items():
+        _Follower(original, shifted, layer, letter, axis, findings).check()
+    return findings.verdict()
+
+
+def _fact(program: PartProgram, line: int) -> str:
+    """Words of a comment line of the header or of a mark; empty where it is none."""
+    found = _COMMENT.fullmatch(program.text(line))
+    text = "" if found is None else found[1].decode("latin-1")
+    return text[len(_MARK) :] if text.lower().startswith(_MARK) else ""
+
+
+def _read(shifted: PartProgram, findings: Findings) -> _Layer:
+    layer = _Layer(axes={}, original="", machine="", own=[], added={})
+    line, counted = 0, 0
+    while line < shifted.blocks:
+        fact, first = _fact(shifted, line), line
+        line += 1
+        if not fact:
+            layer.own.append(first)
+            continue
+        mark = _ADDED.fullmatch(fact)
+        while mark is None and line < shifted.blocks and (more := _MORE.fullmatch(shifted.text(line))):
+            fact += " " + more[1].decode("latin-1").strip()
+            line += 1
+        if mark is not None:
+            layer.added |= dict.fromkeys(range(line, line + int(mark[1])), mark[2])
+            line += int(mark[1])
+            counted += int(mark[1])
+        elif not _take_fact(layer, fact):
+            findings.add("header", f"the header has an unknown line: {fact[:40]}", compensated=first)
+    findings.count("moves of further axes", counted)
+    return layer
+
+
+def _take_fact(layer: _Layer, fact: str) -> bool:
+    """Take a line of the header; False where it is none."""
+    if found := _OFFSET.fullmatch(fact):
+        unit = DEGREE if found[3].lower() == "deg" else float(LENGTHS[found[3].lower()])
+        side = (found[2][0] == "+") - (found[2][0] == "-")
+        layer.axes[found[1].upper()] = ShiftedAxis(number=abs(Decimal(found[2])), side=side, unit=unit)
+    elif found := _ORIGINAL.fullmatch(fact):
+        layer.original = found[1]
+    elif found := _MACHINE.fullmatch(fact):
+        layer.machine = found[2].lower()
+    else:
+        return any(pattern.fullmatch(fact) for pattern in (_HEAD, _OTHERS, _UNDO))
+    return True
+
+
+def _check_machine(layer: _Layer, machine: Machine, findings: Findings) -> None:
+    if layer.machine and machine.digest and not machine.digest.startswith(layer.machine):
+        what = "the axes beside X, Y and Z were compensated for another machine"
+        findings.add("machine", what, expected=machine.name, got=layer.machine)
+    for letter, declared in layer.axes.items():
+        axis = machine.further.get(letter)
+        lost = 0.0 if axis is None or axis.loop.encloses_backlash else axis.gap.lost_motion
+        side = 0 if axis is None else -axis.reference_side
+        way = float(declared.number) * declared.unit * (1.0 if declared.side else 2.0)
+        places = -int(declared.number.as_tuple().exponent)
+        if side != declared.side or abs(way - lost) > 2.0 * declared.unit * 10.0 ** -max(places, 3):
+            findings.add("machine", f"the offset of {letter} is not that of its lost motion", got=str(declared.number))
+
+
+def _check_lines(original: PartProgram, shifted: PartProgram, layer: _Layer, findings: Findings) -> None:
+    """Demand the same bytes but for numbers of declared axes, which differ by an offset or a change of it, exactly."""
+    for old, new in enumerate(layer.own):
+        one, other = original.text(old), shifted.text(new)
+        if one == other or (old == original.blocks - 1 and one == other.rstrip(b"\r\n")):
+            continue
+        first, second = original.words_of(old), shifted.words_of(new)
+        parts = [
+            _parts(program, line, words, layer)
+            for program, line, words in ((original, old, first), (shifted, new, second))
+        ]
+        if parts[0][0] != parts[1][0]:
+            what = "the line differs outside what is declared"
+            findings.add("text", what, original=old, compensated=new, expected=quoted(one), got=quoted(other))
+            continue
+        absolute = shifted.modal_after(new).absolute
+        for letter, before in parts[0][1].items():
+            carried = layer.axes[letter].offsets
+            allowed = carried if absolute else {a - b for a, b in product(carried, carried)}
+            if parts[1][1][letter] - before not in allowed:
+                what = f"{letter} is shifted by something other than the declared offset"
+                findings.add("offset", what, original=old, compensated=new, expected=str(layer.axes[letter].number))
+    for line in layer.added:
+        letters = {chr(shifted.words.letter[word]) for word in shifted.words_of(line)}
+        if not (letters & layer.axes.keys() and letters <= {*layer.axes, "G", "F"}):
+            findings.add("text", "an added line is more than a move of such an axis", compensated=line)
+
+
+def _parts(program: PartProgram, line: int, words: range, layer: _Layer) -> tuple[bytes, dict[str, Decimal]]:
+    """Return a line without the numbers of declared axes, and those numbers."""
+    text, base, numbers = bytearray(program.text(line).rstrip(b"\r\n")), int(program.lines[line]), {}
+    for word in reversed(words):
+        letter = chr(program.words.letter[word])
+        if letter in layer.axes and program.words.decimals[word] >= 0:
+            low, high = int(program.words.start[word]) + 1 - base, int(program.words.end[word]) - base
+            numbers[letter] = Decimal(b"".join(bytes(text[low:high]).split()).decode())
+            del text[low:high]
+    return bytes(text), numbers
+
+
+def _check_rest(original: PartProgram, shifted: PartProgram, layer: _Layer, findings: Findings) -> None:
+    """Demand the same motions of X, Y and Z, and behind each line the same modes and F."""
+    place = np.full(shifted.blocks, -1, dtype=np.int64)
+    place[layer.own] = np.arange(original.blocks)
+    one, other = original.motions, shifted.motions
+    same = np.array_equal(one.block, place[other.block])
+    for name in ("kind", "start", "end", "plane", "center", "angle", "feed", "duration", "exact"):
+        same = same and np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
+    if not same:
+        findings.add("path", "X, Y and Z do not move as in the original")
+    states = np.array([original.modal.index(modal) if modal in original.modal else -1 for modal in shifted.modal])
+    unlike = states[shifted.state[layer.own]] != original.state
+    unlike |= ~np.isclose(shifted.feed_word[layer.own], original.feed_word, rtol=0.0, atol=0.0, equal_nan=True)
+    for old in np.flatnonzero(unlike)[:1].tolist():
+        before = original.modal_after(old)
+        if before != shifted.modal_after(layer.own[old]) or before.feed_mode != 93:
+            what = "the modal state after the block is another one"
+            findings.add("state", what, original=old, compensated=layer.own[old])
+
+
+class _Follower:
+    """Follows the table of one axis through both programs."""
+
+    def __init__(
+        self,
+        original: PartProgram,
+        shifted: PartProgram,
+        layer: _Layer,
+        letter: str,
+        axis: ShiftedAxis,
+        findings: Findings,
+    ) -> None:
+        self._layer, self._letter, self._axis, self._findings = layer, letter, axis, findings
+        self._new, self._old = further_moves(shifted).get(letter), further_moves(original).get(letter)
+        self._line = {new: old for old, new in enumerate(layer.own)}
+        self._table: tuple[float, float] | None = None
+        self._carries = False
+
+    def check(self) -> None:
+        """Compare the places of the table with those that the original names."""
+        old, new = self._old, self._new
+        if old is None or new is None:
+            self._say("is declared, and does not move", 0)
+            return
+        row = {int(block): n for n, block in enumerate(old.block)}
+        chain, wanted, before = -1, math.nan, -1
+        for k in range(new.block.size):
+            line = int(new.block[k])
+            n = row.get(self._line.get(line, -1))
+            if n is None and line not in self._layer.added:
+                self._say("moves where the original does not", line)
+                return
+            if n is not None and int(old.chain[n]) != chain:
+                self._ends(new, k, wanted)
+                self._table, self._carries, chain = None, False, int(old.chain[n])
+            if n is None:
+                self._added(new, k, before)
+                continue
+            self._own(old, new, n, k)
+            wanted, before = float(old.end[n]), k
+        self._ends(new, new.block.size, wanted)
+
+    def _say(self, what: str, line: int) -> None:
+        self._findings.add("offset", f"{self._letter} {what}", compensated=line)
+
+    def _ends(self, new: FurtherMoves, k: int, wanted: float) -> None:
+        """Demand that nothing lasts beyond a chain."""
+        if k and not abs(new.end[k - 1] - wanted) <= _SAME and not math.isnan(wanted):
+            self._findings.add(
+                "return", f"the offset of {self._letter} is not taken back", compensated=int(new.block[k - 1])
+            )
+
+    def _go(self, motor: float) -> None:
+        """Take the table along to where the motor is."""
+        below, above = motor - self._axis.reach[0], motor + self._axis.reach[1]
+        low, high = (below, above) if self._table is None else self._table
+        self._table = min(max(low, below), above), min(max(high, below), above)
+
+    def _is_at(self, place: float) -> bool:
+        band = _BAND * sum(self._axis.reach) + _SAME
+        return self._table is not None and all(abs(one - place) <= band for one in self._table)
+
+    def _added(self, new: FurtherMoves, k: int, before: int) -> None:
+        """Follow a move of its own: its table rests, but behind a rapid of this axis, where it comes from beyond."""
+        line, table = int(new.block[k]), self._table
+        if self._layer.added[line].lower().endswith("approach"):
+            last = self._layer.own[bisect_left(self._layer.own, line) - 1]
+            if before < 0 or new.block[before] != last or not (new.rapid[before] and new.rapid[k]):
+                self._say("comes from beyond where it did not just move in a rapid", line)
+            self._go(float(new.end[k]))
+            return
+        self._go(float(new.end[k]))
+        if table is None or self._table is None or not np.allclose(self._table, table, rtol=0.0, atol=_SAME):
+            self._say("leaves its place on a move of its own", line)
+
+    def _own(self, old: FurtherMoves, new: FurtherMoves, n: int, k: int) -> None:
+        """Follow a move of the original's."""
+        line, begin, end = int(new.block[k]), float(old.start[n]), float(old.end[n])
+        beside = not (old.alone[n] or old.rapid[n])
+        plain = math.isnan(begin) or abs(new.start[k] - begin) <= _SAME
+        if beside and not plain and not self._is_at(begin):
+            self._say("begins a cut beside its place", line)
+        self._go(float(new.end[k]))
+        self._carries |= not abs(new.end[k] - end) <= _SAME
+        # In the air it may be elsewhere: before it comes from beyond, and behind the last cut.
+        last = k + 1 == new.block.size or self._layer.added.get(int(new.block[k + 1]), "").lower().endswith("approach")
+        free = not self._carries or (bool(new.rapid[k]) and last and abs(new.end[k] - end) <= _SAME)
+        if not (free or self._is_at(end)):
+            self._say("ends beside its place", line)

@@ -1,0 +1,201 @@
+"""Axes beside X, Y and Z with backlash of their own, judged by a reader and a table with play of the tests' own."""
+
+import math
+import re
+
+import pytest
+from support.corpus import stepper
+
+import ph_post as ph
+from ph_post.drive.machinefile import machine_of
+from ph_post.errors import InputError
+from ph_post.files.storage import SourceText
+from ph_post.gcode.read import read_program
+
+XYZ = "".join(
+    f'[axes.{name}]\nfeedback = "none"\nb = 0\nc = 0\nlost_motion_mm = {{{name.lower()}}}\nmax_velocity_mm_s = 80\n'
+    "max_acceleration_mm_s2 = 800\nmax_jerk_mm_s3 = 20000\n"
+    for name in "XYZ"
+)
+TURNING = (
+    '[axes.{name}]\nfeedback = "{loop}"\nlost_motion_deg = {lost}\nreference_direction = "{side}"\n'
+    "max_velocity_deg_s = 60\nmax_acceleration_deg_s2 = 600\n"
+)
+SLIDING = TURNING.replace("deg", "mm")
+
+
+def machine(axes="A", dialect="linuxcnc", lost=0.05, side="both", loop="none", x=0.0):
+    text = f'name = "four"\n[controller]\ndialect = "{dialect}"\nservo_period_ms = 1.0\n' + XYZ.format(x=x, y=x, z=0)
+    for name in axes:
+        part = TURNING if name in "ABC" else SLIDING
+        text += part.format(name=name, lost=lost, side=side, loop=loop)
+    return machine_of(SourceText(name="four.toml", stem="four", text=text, digest="5" * 64))
+
+
+def places(text, play=None, side=0):
+    """Places (X, Y, Z, A, B, U) of the table at the end of each line at feed; `play` by axis, `side` of its zero."""
+    play = play or {}
+    at, table, mode, absolute, found = dict.fromkeys("XYZABU", 0.0), {}, "0", True, []
+    for line in text.decode().splitlines():
+        words = re.findall(r"([A-Z])\s*([-+]?[\d.]+)", re.split(r"[(;%]", line)[0])
+        if any(letter == "O" for letter, _ in words):
+            continue
+        for letter, number in words:
+            if letter == "G" and float(number) in (0, 1, 2, 3):
+                mode = number.lstrip("0") or "0"
+            if letter == "G" and float(number) in (90, 91):
+                absolute = float(number) == 90
+        moves = [(letter, float(number)) for letter, number in words if letter in at]
+        if any(letter in ("M", "G") and float(number) in (28, 92) for letter, number in words):
+            continue
+        begin = dict(table)
+        for letter, number in moves:
+            at[letter] = number if absolute else at[letter] + number
+            half = 0.5 * play.get(letter, 0.0)
+            # Where it was before its first move nobody knows: here as far on one side as it can be.
+            was = table.get(letter, at[letter] + (half if letter not in begin else 0.0))
+            table[letter] = min(max(was, at[letter] - half), at[letter] + half)
+        if mode != "0" and moves:
+            off = {letter: side * 0.5 * play.get(letter, 0.0) for letter in at}
+            found.append(tuple(table.get(letter, 0.0) + off[letter] for letter in "XYZABU"))
+    return found
+
+
+def comes_past(ours, wanted, tolerance=2e-4):
+    """Return whether places come in the order of those wanted, and which is the first that does not."""
+    rest = iter(ours)
+    for place in wanted:
+        if not any(all(math.isclose(a, b, abs_tol=tolerance) for a, b in zip(one, place, strict=True)) for one in rest):
+            return place
+    return None
+
+
+HEAD = "G21\nG90\nG0 X0 Y0 Z5\n"
+INDEXED = (
+    "G0 A0\nG1 Z-1 F300\nG1 X20\nG0 Z5\nG0 A90\nG1 Z-1\nG1 X0\nG0 Z5\nG0 A45\nG1 Z-1\nG1 X20\nG1 A30\nG1 A60\nG1 X0\n"
+    "G0 Z5\nG0 A60 X5\nG1 Z-1\nG1 X7\nG0 Z5\nG0 A10 X0\nG1 Z-1\nG1 X9\nG0 Z5\nG0 A0\n"
+)
+CONTINUOUS = (
+    "G0 A0\nG1 Z-1 F300\nG1 X20 A90 F600\nG1 X40 A180.5\nG1 X60 A90\nG1 X61 A90\nG1 X62 A60\n"
+    "G1 X70\nG1 Y5\nG1 X60 A100\nG1 X50 A30\nG0 Z5\nG0 A-20\nG1 Z-1\nG1 X30 A0\nG1 X0 A-30\nG0 Z5\n"
+)
+MIXED = "G0 A5\nG1 Z-1 F300\nG91\nG1 X20 A90 F600\nG1 X20 A-45\nG1 A-10\nG1 X5\nG1 X-10 A20\nG90\nG0 Z5\nG0 A0\n"
+
+
+def compensated(text, how, **options):
+    program = read_program(text.encode(), "a.ngc")
+    return ph.compensate(program, how, **options)
+
+
+@pytest.mark.parametrize("dialect", ["linuxcnc", "grbl", "grblhal", "marlin", "fanuc"])
+@pytest.mark.parametrize("name", ["indexed", "continuous", "mixed"])
+def test_the_table_is_in_place_at_every_cut(dialect, name):
+    text = HEAD + {"indexed": INDEXED, "continuous": CONTINUOUS, "mixed": MIXED}[name] + "M30\n"
+    text = re.sub(r"([XYZA]-?\d+)(?![\d.])", r"\1.", text) if dialect == "fanuc" else text
+    how = machine(dialect=dialect)
+    if dialect == "fanuc":
+        text = text.replace("A180.5", "A170.5")
+    result = compensated(text, how)
+    wanted = places(text.encode())
+    assert comes_past(places(text.encode(), {"A": 0.05}), wanted) is not None
+    assert comes_past(places(result.program(), {"A": 0.05}), wanted) is None
+    assert ph.undo(read_program(result.program(), "b.ngc")) == text.encode()
+    row = next(one for one in result.axis_reversals if one.axis == "A")
+    assert row.compensated == row.all > 0
+    assert ph.compensate(read_program(result.program(), "b.ngc"), how).program() == result.program()
+    assert ph.verify(read_program(text.encode(), "a"), read_program(result.program(), "b"), how).ok
+
+
+@pytest.mark.parametrize("side", ["+", "-"])
+def test_an_axis_whose_zero_was_taken_from_one_side_is_exact_there(side):
+    text = HEAD + CONTINUOUS + "M2\n"
+    result = compensated(text, machine(side=side))
+    other = "+" if side == "-" else "-"
+    assert f"offset A {other}0.05 deg".encode() in result.program()
+    sign = 1 if side == "+" else -1
+    assert comes_past(places(result.program(), {"A": 0.05}, sign), places(text.encode())) is None
+
+
+def test_slides_and_several_axes_are_compensated_each_by_itself():
+    text = (
+        f"{HEAD}G0 A0 U0 B0\nG1 Z-1 F300\nG1 U5\nG1 U2\nG0 A90 B20\nG1 X5\nG0 A45 B30\nG1 X9\n"
+        "G1 U3 X20\nG1 U1 X9\nG0 U0\nM2\n"
+    )
+    result = compensated(text, machine("ABU"))
+    assert comes_past(places(result.program(), dict.fromkeys("ABU", 0.05)), places(text.encode())) is None
+    assert b"offset U 0.025 mm" in result.program()
+    assert [(one.axis, one.compensated, one.all) for one in result.axis_reversals] == [("A", 1, 1), ("U", 3, 3)]
+
+
+def test_x_and_y_are_compensated_beside_it():
+    text = "G61\n" + HEAD + CONTINUOUS + INDEXED + "M2\n"
+    how = machine(x=0.04)
+    result = compensated(text, how)
+    play = {"A": 0.05, "X": 0.04, "Y": 0.04}
+    assert comes_past(places(result.program(), play), places(text.encode()), 2e-3) is None
+    assert result.axes == ("X", "A")
+    assert ph.verify(read_program(text.encode(), "a"), read_program(result.program(), "b"), how).ok
+    assert ph.undo(read_program(result.program(), "b.ngc")) == text.encode()
+    assert ph.compensate(read_program(result.program(), "b.ngc"), how).program() == result.program()
+
+
+def test_all_places_may_be_come_to_from_one_side():
+    text = HEAD + INDEXED.replace("G1 A30\nG1 A60\n", "") + "M2\n"
+    result = compensated(text, machine(), position_from="-")
+    for play in (0.04, 0.05, 0.06):
+        shifted = [(*one[:3], one[3] + 0.5 * (play - 0.05), *one[4:]) for one in places(result.program(), {"A": play})]
+        assert comes_past(shifted, places(text.encode())) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("G1 X5 A9 F600\nG1 X9 A0\n", "G95 before"),
+        ("G41 D1\nG1 X5 A9 F600\nG1 X9 A0\nG40\n", ""),
+        ("M10\nG1 X5 A9 F600\nG1 X9 A0\n", "it is clamped"),
+    ],
+)
+def test_what_cannot_be_compensated_stays_as_it_is(text, why):
+    text = HEAD + ("G95\n" if "G95" in why else "") + "G0 A5\nG1 Z-1 F300\n" + text + "M2\n"
+    result = compensated(text, machine())
+    assert b"A9 F600" in result.program()
+    row = [one for one in result.axis_reversals if one.axis == "A"]
+    assert not row or row[0].compensated == 0
+    assert not why or any("axis A not compensated" in one for one in result.warnings)
+
+
+def test_a_move_back_by_less_than_a_tenth_of_its_backlash_is_no_reversal():
+    text = HEAD + CONTINUOUS.replace("G1 X61 A90\n", "G1 X60.5 A89.999\nG1 X61 A90\n") + "M2\n"
+    result = compensated(text, machine())
+    assert b"G1 X60.5 A89.974\nG1 X61 A89.975\n" in result.program()
+    assert comes_past(places(result.program(), {"A": 0.05}), places(text.encode()), 2e-3) is None
+
+
+def test_an_axis_inside_its_loop_is_left_alone_and_named():
+    text = HEAD + CONTINUOUS + "M2\n"
+    result = compensated(text, machine(loop="load"))
+    assert result.program() == text.encode()
+    assert any("axis A not compensated: its backlash is inside the loop" in one for one in result.warnings)
+
+
+def test_where_a_control_may_turn_either_way_nothing_is_guessed():
+    text = HEAD + "G0 A0.\nG1 Z-1. F300\nG1 X20. A200. F600\nG1 X0. A0.\nM30\n"
+    result = compensated(text, machine(dialect="fanuc"))
+    assert b"A200." in result.program()
+    assert any("either way round" in one for one in result.warnings)
+
+
+@pytest.mark.parametrize(("old", "new"), [("A90.025", "A90.02"), ("G0 A-0.075", "G0 A-0.02"), ("M2\n", "G1 A7\nM2\n")])
+def test_the_checker_sees_what_was_changed(old, new):
+    text = HEAD + CONTINUOUS + "M2\n"
+    after = compensated(text, machine()).program().decode()
+    assert old in after
+    broken = after.replace(old, new, 1).encode()
+    assert not ph.verify(read_program(text.encode(), "a"), read_program(broken, "b"), machine()).ok
+
+
+def test_a_program_for_another_machine_is_refused_in_one_line():
+    after = compensated(HEAD + CONTINUOUS + "M2\n", machine()).program()
+    with pytest.raises(InputError, match="compensated before"):
+        ph.compensate(read_program(after, "b.ngc"), machine(dialect="grbl"))
+    assert stepper().further == {}
