@@ -9,7 +9,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.api.compensated_program import ProgramRequest, refusal
+from ph_post.api.compensated_program import ProgramRequest
 from ph_post.api.inputs import program_in
 from ph_post.api.results import AxisReversals
 from ph_post.compensate.strategies.registry import find_traits
@@ -82,10 +82,8 @@ def shifted_job(
     ------
     InputError
         Where it was compensated for something else before.
-    PhPostError
-        Where the outcome does not pass its check.
     """
-    asked = find_traits(request.plan.strategy).compensates and shifts_axes(request.plan) and not request.lead
+    asked = find_traits(request.plan.strategy).compensates and shifts_axes(request.plan)
     if not machine.further or not asked:
         return ShiftedJob(job=job)
     program = program_in(job, machine.dialect, strict=strict)
@@ -109,7 +107,11 @@ def shifted_job(
     after = reread(base, data)
     verdict = verify_shifted(base, after, machine) if data != base.data else None
     if verdict is not None and not verdict.ok:
-        raise refusal(program.name, verdict)
+        names = ", ".join(plan.axis.name for plan in plans)
+        why = (
+            f"axes {names} not compensated: their program does not pass its own check: {verdict.failures[0].sentence()}"
+        )
+        return ShiftedJob(job=base, warnings=(*said, why))
     return ShiftedJob(job=after, plans=tuple(plans), warnings=tuple(said), changed=data != base.data)
 
 

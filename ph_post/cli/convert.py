@@ -120,6 +120,7 @@ def command(
       part_side      that of --part-side, else null
       reversals      {compensated, all}, of axes with backlash
       axes           the compensated axes
+      further_axes   by axis beside X, Y and Z {unit, before, after, after_worst, reversals}: its error in deg or mm
       not_compensated
                      what is left and why; null where nothing is
       result_line    the line of the result

@@ -22,11 +22,14 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from ph_post.compensate.plan_warnings import round_up
 from ph_post.dialects.base import Dialect
 from ph_post.drive.axes import side_offsets
+from ph_post.edit.affordable import SPARE
 from ph_post.edit.block_words import next_relying
 from ph_post.edit.edits import EditOptions
 from ph_post.edit.preconditions import FINE, why_not_editable, word_decimals
+from ph_post.edit.reversal_search import motion_times
 from ph_post.gcode import codes
 from ph_post.gcode.further import FurtherMoves, further_moves, unit_of
 from ph_post.gcode.paths import line_words
@@ -105,6 +108,13 @@ class FurtherAxisPlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     left: tuple[str, ...]
 
     @property
+    def cost(self) -> float:
+        """Time that its moves in the midst of cuts cost [s]: from rest to rest, at most at its speed."""
+        limits = self.axis.limits
+        ways = [abs(one.steps[-1] - one.at) * self.step for one in self.added if one.motion == "G1"]
+        return sum(way / limits.velocity + 2.0 * math.sqrt(way / limits.acceleration) for way in ways)
+
+    @property
     def added_moves(self) -> int:
         """Number of moves of its own."""
         return sum(len(one.steps) for one in self.added)
@@ -153,6 +163,13 @@ def plan_further(
         else:
             planner = _AxisPlanner(program, dialect, axis, options, moved[name], machine)
             plans.append(planner.plan())
+            total = max(float(motion_times(program, machine).sum()), planner.time)
+            if plans[-1].cost > (options.max_slowdown + SPARE) * total:
+                need = round_up(plans[-1].cost / total)
+                planner.no_stops = (
+                    f"its crossings would cost {plans[-1].cost:.2g} s; --max-slowdown {need:g} would allow them"
+                )
+                plans[-1] = planner.plan()
             said += plans[-1].left
     return plans, said
 
@@ -197,13 +214,19 @@ class _AxisPlanner:
             over = max(options.overshoot, axis.gap.lost_motion)
         self._over = math.ceil(over / self._step - 1e-6)
         tool = machine.tool or (tool_in_words(program) or ("cutter",))[0]
-        self._stops = tool == "cutter"
+        self.no_stops = "" if tool == "cutter" else "a stop where it turns back would show"
         self._wraps = program.language.shortest and axis.name in ROTARY_AXES
         self._cuts = _cut_lines(program)
         words = program.words
         clamps = (words.letter == ord("M")) & np.isin(words.value, (_CLAMPED, _RELEASED))
         self._clamps = words.block[clamps].astype(np.int64)
         self._clamped = words.value[clamps] == _CLAMPED
+
+    @property
+    def time(self) -> float:
+        """Time that the axis takes for its moves by themselves [s]."""
+        way = np.nansum(np.abs(self._moves.end - self._moves.start))
+        return float(way) / self._axis.limits.velocity
 
     def plan(self) -> FurtherAxisPlan:
         """Return the plan of all chains."""
@@ -330,9 +353,10 @@ class _AxisPlanner:
     def _stand(self, draft: _Draft, n: int, high: int) -> None:
         """Note the places before and behind a move."""
         moves = self._moves
-        if not (moves.rapid[n] or moves.alone[n] or np.isnan(moves.start[n])):
+        beside = not (moves.rapid[n] or moves.alone[n])
+        if (beside or not draft.stands) and not np.isnan(moves.start[n]):
             motor = moves.start[n] + draft.begin * self._step
-            draft.stands.append(Stand(place=moves.start[n], motor=motor, counts=True))
+            draft.stands.append(Stand(place=moves.start[n], motor=motor, counts=beside))
         if self._approached(draft, n):
             beyond = moves.end[n] + draft.added[-1].steps[0] * self._step
             draft.stands.append(Stand(place=moves.end[n], motor=beyond, counts=False))
@@ -349,8 +373,8 @@ class _AxisPlanner:
 
     def _cross(self, draft: _Draft, n: int, wanted: int) -> None:
         """Add a move of its own between two others."""
-        if not self._stops:
-            raise _Left(f"a stop in line {self._moves.block[n] + 1}, where it turns back, would show")
+        if self.no_stops:
+            raise _Left(self.no_stops)
         first = int(self._moves.block[n - 1]) + 1
         spots = range(int(self._moves.block[n]), first - 1, -1)
         sign = "+" if wanted > draft.carried else "-"
@@ -367,7 +391,7 @@ class _AxisPlanner:
         """Add a move to another offset before the first line of some that allows it."""
         whys = []
         for block in spots[:_TRIED]:
-            why = self._why_not(block)
+            why = self._why_not(block, n)
             if not why:
                 self._add(draft, block, n, draft.carried, (wanted,), label)
                 return
@@ -391,21 +415,21 @@ class _AxisPlanner:
             )
         )
 
-    def _why_not(self, block: int) -> str:
+    def _why_not(self, block: int, n: int) -> str:
         """Return why no move of its own may stand before a line; empty where one may."""
-        program, modal, line = self._program, self._program.modal_after(block - 1), block + 1
+        program, modal = self._program, self._program.modal_after(block - 1)
         shut = self._clamps[self._clamps < block]
-        if shut.size and self._clamped[shut.size - 1]:
-            return f"it is clamped before line {line}"
-        if modal.motion not in _MODES or modal.compensation not in (None, "G40"):
-            return f"no line may be added before line {line}"
-        if modal.motion not in ("G0", "G1") and next_relying(program, block) is not None:
-            return f"line {line} needs the {modal.motion} before it"
-        if modal.motion != "G0" and modal.feed_mode not in (_PER_MINUTE, _INVERSE):
-            return f"the feed before line {line} is one a turn (G95)"
-        if modal.motion != "G0" and modal.feed_mode == _PER_MINUTE and not program.feed_word[block - 1] > 0.0:
-            return f"the feed before line {line} is not known"
-        return ""
+        at_feed, per_minute = modal.motion != "G0", modal.feed_mode == _PER_MINUTE
+        relied = modal.motion not in ("G0", "G1") and next_relying(program, block) is not None
+        whys = {
+            "it is clamped": bool(shut.size and self._clamped[shut.size - 1]),
+            "its place is not known": modal.absolute and not self._moves.placed[self._moves.chain[n]],
+            "no line may be added": modal.motion not in _MODES or modal.compensation not in (None, "G40"),
+            f"the mode {modal.motion} has to last": relied,
+            "the feed is one a turn (G95)": at_feed and not per_minute and modal.feed_mode != _INVERSE,
+            "the feed is not known": at_feed and per_minute and not program.feed_word[block - 1] > 0.0,
+        }
+        return next((f"{why} before line {block + 1}" for why, holds in whys.items() if holds), "")
 
 
 def leg_signs(places: Array, band: float) -> IntArray:

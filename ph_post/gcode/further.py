@@ -42,7 +42,8 @@ class FurtherMoves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `block` the line of each; `word` its word; `start`, `end` its places, NaN where not known; `absolute` under G90;
     `rapid`; `alone` where the line moves nothing else. `chain` is the number of the stretch of lines in which the axis
-    goes from place to place: `ends` (c,) is for each the line before which nothing that was added may last.
+    goes from place to place: `ends` (c,) is for each the line before which nothing that was added may last, and
+    `placed` (c,) false where it moves by increments alone, from anywhere: its places are counted from there then.
     """
 
     block: IntArray
@@ -54,6 +55,7 @@ class FurtherMoves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     alone: BoolArray
     chain: IntArray
     ends: IntArray
+    placed: BoolArray
 
 
 def unit_of(letter: str, units: float) -> float:
@@ -130,6 +132,7 @@ def _moves_of(program: PartProgram, letter: str, found: PlaceArray) -> FurtherMo
         alone=sealed(~beside & ~several),
         chain=sealed(np.searchsorted(np.unique(chain), chain)),
         ends=sealed(bounds[np.unique(chain)]),
+        placed=sealed(np.isin(np.unique(chain), chain[absolute])),
     )
 
 

@@ -296,6 +296,11 @@ class _Follower:
     def _own(self, old: FurtherMoves, new: FurtherMoves, n: int, k: int) -> None:
         """Follow a move of the original's."""
         line, begin, end = int(new.block[k]), float(old.start[n]), float(old.end[n])
+        if math.isnan(end) and math.isnan(new.end[k]):
+            self._table = None
+            return
+        if self._table is None and not math.isnan(begin):
+            self._go(float(new.start[k]))
         beside = not (old.alone[n] or old.rapid[n])
         plain = math.isnan(begin) or abs(new.start[k] - begin) <= _SAME
         if beside and not plain and not self._is_at(begin):

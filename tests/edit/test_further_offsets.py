@@ -1,13 +1,18 @@
 """Axes beside X, Y and Z with backlash of their own, judged by a reader and a table with play of the tests' own."""
 
 import math
+import random
 import re
 
 import pytest
 from support.corpus import stepper
 
 import ph_post as ph
+from ph_post.api.compensated_program import ProgramRequest
+from ph_post.api.further_axes import shifted_job
+from ph_post.compensate.options import PlanOptions
 from ph_post.drive.machinefile import machine_of
+from ph_post.edit.edits import EditOptions
 from ph_post.errors import InputError
 from ph_post.files.storage import SourceText
 from ph_post.gcode.read import read_program
@@ -124,7 +129,11 @@ def test_slides_and_several_axes_are_compensated_each_by_itself():
     result = compensated(text, machine("ABU"))
     assert comes_past(places(result.program(), dict.fromkeys("ABU", 0.05)), places(text.encode())) is None
     assert b"offset U 0.025 mm" in result.program()
-    assert [(one.axis, one.compensated, one.all) for one in result.axis_reversals] == [("A", 1, 1), ("U", 3, 3)]
+    assert [(one.axis, one.compensated, one.all) for one in result.axis_reversals] == [
+        ("A", 1, 1),
+        ("B", 0, 0),
+        ("U", 3, 3),
+    ]
 
 
 def test_x_and_y_are_compensated_beside_it():
@@ -169,6 +178,37 @@ def test_a_move_back_by_less_than_a_tenth_of_its_backlash_is_no_reversal():
     result = compensated(text, machine())
     assert b"G1 X60.5 A89.974\nG1 X61 A89.975\n" in result.program()
     assert comes_past(places(result.program(), {"A": 0.05}), places(text.encode()), 2e-3) is None
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_programs_are_in_place_at_every_cut(seed):
+    draw = random.Random(seed)
+    lines, absolute = ["G21", "G90", "G0 X0 Y0 Z5", "G0 A0"], True
+    for _ in range(40):
+        if draw.random() < 0.1:
+            absolute = not absolute
+            lines.append(draw.choice(["M8", "(comment)", "G4 P0.1"]) + f"\nG{90 if absolute else 91}")
+        axes = [name for name in "XYZA" if draw.random() < 0.4]
+        ways = [draw.uniform(-20, 20) if name in "XYZ" else draw.choice([1, 45]) * draw.uniform(-2, 2) for name in axes]
+        words = [f"{name}{way:.3f}" for name, way in zip(axes, ways, strict=True)]
+        lines += [" ".join([draw.choice(["G0", "G1 F600"]), *words])] if words else []
+    text = "\n".join([*lines, "G90", "G0 A0", "M2", ""])
+    side = draw.choice(["both", "+", "-"])
+    how = machine(side=side)
+    request = ProgramRequest(plan=PlanOptions(strategy="auto"), edit=EditOptions(max_slowdown=10.0))
+    found = shifted_job(read_program(text.encode(), "a.ngc"), how, request)
+    assert found.warnings == ()
+    assert found.reversals[0].compensated == found.reversals[0].all > 5
+    ours = places(found.job.data, {"A": 0.05}, {"both": 0, "+": 1, "-": -1}[side])
+    assert comes_past(ours, places(text.encode()), 0.0051) is None  # it may turn back by a tenth of the backlash
+
+
+def test_moves_of_its_own_keep_within_the_time_allowed():
+    text = HEAD + "G0 A5\nG1 Z-1 F6000\n" + "G1 X2 A9\nG1 X1 A5\n" * 9 + "G0 Z5\nM2\n"
+    result = compensated(text, machine(), max_slowdown=0.01)
+    assert b"crossing A" not in result.program()
+    assert "--max-slowdown" in result.not_compensated
+    assert b"crossing A" in compensated(text, machine(), max_slowdown=10.0).program()
 
 
 def test_an_axis_inside_its_loop_is_left_alone_and_named():
