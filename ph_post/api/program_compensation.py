@@ -111,7 +111,7 @@ class ProgramCompensation(Compensation):
     @property
     def already_compensated(self) -> bool:
         """True where the job was this very compensation already."""
-        return self.edited.done
+        return self.edited.done or (self.shifted.done and self.unchanged)
 
     @property
     def verdict(self) -> Verdict | None:
@@ -158,7 +158,7 @@ class ProgramCompensation(Compensation):
     @cached_property
     def planned(self) -> CompensatedProgram:
         """The program with its changes, found again where the job was compensated before."""
-        if not self.already_compensated:
+        if not self.edited.done:
             return self.edited
         anew = msgspec.structs.replace(self.request, force=True)
         return compensate_program(self.original, self.machine, anew, self._progress)

@@ -36,13 +36,15 @@ from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import RAPID, PartProgram
 from ph_post.gcode.working import tool_in_words
 from ph_post.types import ROTARY_AXES, Array, Axis, IntArray, Machine
-from ph_post.units import DEGREE, MM
 
 BAND: Final = 0.1
 """Part of its backlash by which an axis may turn back without that it counts as a reversal."""
 
 BEYOND: Final = 2.0
 """Times its backlash that an axis comes from beyond its place, unless an overshoot is asked for."""
+
+_FEWEST: Final = 4
+"""Fewest steps of the last decimal that a backlash has to have, so that half a step is no more than an eighth of it."""
 
 _TRIED: Final = 50
 """Lines between two moves of an axis that are tried for a move of its own."""
@@ -125,21 +127,6 @@ def further_decimals(letter: str, dialect: Dialect, units: float) -> int:
     return min(dialect.numbers.decimals, FINE) if letter in ROTARY_AXES else word_decimals(dialect, units)
 
 
-def size_words(axis: Axis, size: float) -> str:
-    """Return a way of an axis in words.
-
-    Examples
-    --------
-    >>> from ph_post.types import Axis, Gap, Limits, Servo
-    >>> limits = Limits(velocity=1.0, acceleration=1.0, jerk=1.0)
-    >>> table = Axis(name="A", feedback="none", servo=Servo(b=0, c=0), gap=Gap(lost_motion=0.0), limits=limits)
-    >>> size_words(table, 0.05 * DEGREE)
-    '0.05 deg'
-    """
-    unit, name = (DEGREE, "deg") if axis.name in ROTARY_AXES else (MM, "mm")
-    return f"{size / unit:.4g} {name}"
-
-
 def plan_further(
     program: PartProgram, machine: Machine, dialect: Dialect, options: EditOptions
 ) -> tuple[list[FurtherAxisPlan], list[str]]:
@@ -153,24 +140,28 @@ def plan_further(
     """
     moved, plans, said = further_moves(program), [], []
     troubles = why_not_editable(program)
-    for name, axis in machine.further.items():
-        if name not in moved or not moved[name].block.size or axis.gap.lost_motion == 0.0:
+    asked = [name for name in machine.further if name in moved and moved[name].block.size]
+    time = float(motion_times(program, machine).sum()) if asked else 0.0
+    for name in asked:
+        axis = machine.further[name]
+        planner = _AxisPlanner(program, dialect, axis, options, moved[name], machine)
+        if axis.gap.lost_motion == 0.0:
             continue
         if axis.loop.encloses_backlash:
             said.append(f"axis {name} not compensated: its backlash is inside the loop")
-        elif troubles:
-            said.append(f"axis {name} not compensated: {troubles[0]}")
+        elif troubles or planner.coarse:
+            why = [*troubles, f"the decimals of {dialect.name} are too few for its backlash"][0]
+            said.append(f"axis {name} not compensated: {why}")
         else:
-            planner = _AxisPlanner(program, dialect, axis, options, moved[name], machine)
-            plans.append(planner.plan())
-            total = max(float(motion_times(program, machine).sum()), planner.time)
-            if plans[-1].cost > (options.max_slowdown + SPARE) * total:
-                need = round_up(plans[-1].cost / total)
+            plan, total = planner.plan(), max(time, planner.time)
+            if plan.cost > (options.max_slowdown + SPARE) * total:
+                need = round_up(plan.cost / total)
                 planner.no_stops = (
-                    f"its crossings would cost {plans[-1].cost:.2g} s; --max-slowdown {need:g} would allow them"
+                    f"its crossings would cost {plan.cost:.2g} s; --max-slowdown {need:g} would allow them"
                 )
-                plans[-1] = planner.plan()
-            said += plans[-1].left
+                plan = planner.plan()
+            plans.append(plan)
+            said += plan.left
     return plans, said
 
 
@@ -221,6 +212,11 @@ class _AxisPlanner:
         clamps = (words.letter == ord("M")) & np.isin(words.value, (_CLAMPED, _RELEASED))
         self._clamps = words.block[clamps].astype(np.int64)
         self._clamped = words.value[clamps] == _CLAMPED
+
+    @property
+    def coarse(self) -> bool:
+        """Whether its backlash is no more than a few steps of the last decimal."""
+        return self._sides[1] - self._sides[0] < _FEWEST
 
     @property
     def time(self) -> float:

@@ -107,7 +107,9 @@ def test_the_table_is_in_place_at_every_cut(dialect, name):
     assert ph.undo(read_program(result.program(), "b.ngc")) == text.encode()
     row = next(one for one in result.axis_reversals if one.axis == "A")
     assert row.compensated == row.all > 0
-    assert ph.compensate(read_program(result.program(), "b.ngc"), how).program() == result.program()
+    again = ph.compensate(read_program(result.program(), "b.ngc"), how)
+    assert again.program() == result.program()
+    assert again.already_compensated
     assert ph.verify(read_program(text.encode(), "a"), read_program(result.program(), "b"), how).ok
 
 
@@ -216,6 +218,13 @@ def test_an_axis_inside_its_loop_is_left_alone_and_named():
     result = compensated(text, machine(loop="load"))
     assert result.program() == text.encode()
     assert any("axis A not compensated: its backlash is inside the loop" in one for one in result.warnings)
+
+
+def test_a_backlash_of_few_steps_is_left_alone_and_named():
+    text = HEAD + CONTINUOUS + "M2\n"
+    result = compensated(text, machine(lost=0.0003))
+    assert result.program() == text.encode()
+    assert any("decimals of linuxcnc are too few" in one for one in result.warnings)
 
 
 def test_where_a_control_may_turn_either_way_nothing_is_guessed():
