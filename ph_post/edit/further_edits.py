@@ -216,7 +216,7 @@ class _AxisPlanner:
     @property
     def coarse(self) -> bool:
         """Whether its backlash is no more than a few steps of the last decimal."""
-        return self._sides[1] - self._sides[0] < _FEWEST
+        return self._axis.gap.lost_motion < (_FEWEST - 0.5) * self._step
 
     @property
     def time(self) -> float:
