@@ -31,7 +31,7 @@ from ph_post.edit.crossing_shapes import (
     shape_in_steps,
     shortest_time,
 )
-from ph_post.edit.crossings import ERROR, FINE, KINK, PART, SETTLING, SHORTEST, CrossingPlace, CrossingPlanner
+from ph_post.edit.crossings import ERROR, FINE, KINK, LARGE, PART, SETTLING, SHORTEST, CrossingPlace, CrossingPlanner
 from ph_post.edit.edits import CrossingEdit, OffsetShift, StopEdit
 from ph_post.edit.positions import Restart
 from ph_post.edit.preconditions import why_kept_whole
@@ -365,8 +365,7 @@ class CrossingSearch:
         lit = self._beam.is_beam & self._beam.works.on[motion]
         push = np.array([self._turning_push(name) for name in AXES])[spots.column]
         finest = np.where(np.isfinite(push), STEPS_ERROR, ERROR)
-        lost = [self._machine.axes[n].gap.lost_motion if n in self._machine.axes else 0.0 for n in AXES]
-        error = np.minimum(coarser * finest, np.maximum(FINE * finest, PART * np.array(lost)[spots.column]))
+        error = self._allowed(spots.column, coarser, finest)
         which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, lag)
         for number, times in enumerate((0.0, *BEAM_COARSER)):
             if which.size:
@@ -393,6 +392,17 @@ class CrossingSearch:
             turning &= ~(short | slow)
         jog = (rows[:, CARRIED] == 0.0) & ~calm & ~turning
         return replace(spots, jog=jog, calm=calm, window=np.where(turning[:, None], window, 0.0), blend=blend)
+
+    def _allowed(self, column: IntArray, coarser: float, finest: Array) -> Array:
+        """Return the largest errors (n,) [m] of crossings of some axes, up to a multiple of the `finest` ones (n,)."""
+        axes = self._machine.axes
+        lost = np.array([axes[n].gap.lost_motion if n in axes else 0.0 for n in AXES])[column]
+        beyond = np.array([self._shapes[n].beyond if n in self._shapes else 0.0 for n in AXES])[column]
+        part = PART * max(coarser / LARGE, 1.0)
+        # Where a motor without lag would follow, the table would go beyond by that, too.
+        room = max(max(map(abs, both)) for both in self._sides.values()) - beyond * lost
+        most = np.minimum(np.maximum(FINE * finest, part * lost), np.maximum(room, finest))
+        return np.asarray(np.minimum(coarser * finest, most))
 
     def _turning_push(self, name: str) -> float:
         """Acceleration [m/s²] that an axis takes across the path in a crossing in steps; infinite elsewhere."""

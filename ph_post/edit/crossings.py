@@ -19,7 +19,7 @@ from ph_post.units import MM
 ERROR: Final = 1.1e-3 * MM
 """Largest error [m] that a crossing is given where the time allows it: what rounding to micrometres leaves, twice."""
 
-COARSER: Final = (2.0, 4.0, 8.0, 16.0)
+COARSER: Final = (2.0, 4.0, 8.0, 16.0, 23.0)
 """Multiples of :data:`ERROR` that are tried where the time allowed is too short."""
 
 FINE: Final = 4.0
@@ -27,6 +27,12 @@ FINE: Final = 4.0
 
 PART: Final = 0.2
 """Part of the backlash that coarser crossings leave: more of them is better than fewer exact ones."""
+
+LARGE: Final = 16.0
+"""Above this multiple they leave as much more of it."""
+
+MOST: Final = 0.49
+"""No crossing leaves a larger part of it: the plain program leaves half."""
 
 SHORTEST: Final = 0.02 * MM
 """Blocks of crossings are no shorter [m]; one that would be is moved to the end of the motion beside it."""
@@ -211,7 +217,7 @@ class CrossingPlanner:
         error = self._error(knots, points, spot)
         # What goes beyond shows to a motor without lag alone.
         own = spot.shape.beyond if not spot.calm else 0.0
-        if error > (0.35 + own) * abs(float(spot.after[spot.column] - spot.before[spot.column])):
+        if error > (MOST + own) * abs(float(spot.after[spot.column] - spot.before[spot.column])):
             return None
         parts = self._parts(knots, points, coarse=error > FINE * ERROR)
         if not all(self._divisible[part.motion] for part in parts):
