@@ -31,7 +31,20 @@ from ph_post.edit.crossing_shapes import (
     shape_in_steps,
     shortest_time,
 )
-from ph_post.edit.crossings import ERROR, FINE, KINK, LARGE, PART, SETTLING, SHORTEST, CrossingPlace, CrossingPlanner
+from ph_post.edit.crossings import (
+    COARSER,
+    ERROR,
+    FINE,
+    KINK,
+    LARGE,
+    MOST,
+    PART,
+    SETTLING,
+    SHORTEST,
+    CrossingPlace,
+    CrossingPlanner,
+    exaggeration,
+)
 from ph_post.edit.edits import CrossingEdit, OffsetShift, StopEdit
 from ph_post.edit.positions import Restart
 from ph_post.edit.preconditions import why_kept_whole
@@ -53,6 +66,7 @@ from ph_post.edit.reversals import (
 from ph_post.gcode.further import further_lines
 from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, plane_columns
+from ph_post.simulate.controllers.legs import ACROSS
 from ph_post.simulate.controllers.run import planned_speeds, tolerances
 from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
 from ph_post.units import MM
@@ -186,7 +200,24 @@ class CrossingSearch:
         self._kept_whole = program.language.bound is not None or bool(further_lines(program))
         self._divisible = np.array([self._may_divide(k) for k in range(program.motions.kind.size)], dtype=np.bool_)
         self._shapes = {name: self._shape(machine.axes[name]) for name in sides}
-        self._push = min(axis.limits.acceleration for axis in machine.axes.values())
+        axes = machine.axes
+        self._lag = np.array([response_time(axes[name].servo) if name in axes else 0.0 for name in AXES])
+        self._push = self._accelerations()
+
+    def _accelerations(self) -> Array:
+        """Acceleration along the path in every motion [m/s²], (m,): of the weakest axis that moves in it.
+
+        LinuxCNC keeps the rest of it for the curvature in arcs.
+        """
+        kind, axes = self._program.motions.kind, self._machine.axes
+        found = np.full(kind.size, math.inf)
+        for column, name in enumerate(AXES):
+            if name in axes:
+                moving = self._moving[column]
+                found[moving] = np.minimum(found[moving], axes[name].limits.acceleration)
+        if not isinstance(self._planner, ExactPath):
+            found[kind == ARC] *= math.sqrt(1.0 - ACROSS**2)
+        return found
 
     def _speeds_kept(self) -> Array:
         """Speeds of arcs not to be passed faster in parts [m/s], (m,): motors that lag would leave the path."""
@@ -347,8 +378,7 @@ class CrossingSearch:
         shapes = [self._shapes.get(name, none) for name in AXES]
         wait = np.array([one.wait for one in shapes])[spots.column]
         crossing = np.array([one.first for one in shapes])[spots.column]
-        axes = self._machine.axes
-        lag = np.array([response_time(axes[n].servo) if n in axes else 0.0 for n in AXES])[spots.column]
+        lag = self._lag[spots.column]
         # No block is shorter than a machine can tell.
         wait = np.maximum(wait, SHORTEST / np.maximum(spots.feed, 1e-12))
         behind = np.minimum(motion + 1, motions.kind.size - 1)
@@ -365,7 +395,7 @@ class CrossingSearch:
         lit = self._beam.is_beam & self._beam.works.on[motion]
         push = np.array([self._turning_push(name) for name in AXES])[spots.column]
         finest = np.where(np.isfinite(push), STEPS_ERROR, ERROR)
-        error = self._allowed(spots.column, coarser, finest)
+        error, most = self._allowed(spots.column, coarser, finest)
         which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, lag)
         for number, times in enumerate((0.0, *BEAM_COARSER)):
             if which.size:
@@ -379,6 +409,7 @@ class CrossingSearch:
                     wait[which],
                     spots.feed[which],
                     np.maximum(error, times * finest)[which],
+                    most[which],
                     wanted[which],
                     push[which],
                 )
@@ -390,19 +421,27 @@ class CrossingSearch:
             short = window[:, 1] - window[:, 0] < NEARLY * SHORTEST
             slow = window[:, 2] * crossing < 0.25 * SHORTEST
             turning &= ~(short | slow)
+        spots = replace(spots, calm=calm, window=np.where(turning[:, None], window, 0.0), blend=blend)
+        if coarser == COARSER[-1]:
+            turning &= lit | (self._cost_of_chords(spots) <= self._cost_of_stops(spots))
         jog = (rows[:, CARRIED] == 0.0) & ~calm & ~turning
-        return replace(spots, jog=jog, calm=calm, window=np.where(turning[:, None], window, 0.0), blend=blend)
+        return replace(spots, jog=jog, window=np.where(turning[:, None], window, 0.0))
 
-    def _allowed(self, column: IntArray, coarser: float, finest: Array) -> Array:
-        """Return the largest errors (n,) [m] of crossings of some axes, up to a multiple of the `finest` ones (n,)."""
+    def _allowed(self, column: IntArray, coarser: float, finest: Array) -> tuple[Array, Array]:
+        """Return errors of crossings (n,) [m], up to a multiple of the `finest` ones (n,), and the largest of all."""
         axes = self._machine.axes
         lost = np.array([axes[n].gap.lost_motion if n in axes else 0.0 for n in AXES])[column]
-        beyond = np.array([self._shapes[n].beyond if n in self._shapes else 0.0 for n in AXES])[column]
         part = PART * max(coarser / LARGE, 1.0)
-        # Where a motor without lag would follow, the table would go beyond by that, too.
-        room = max(max(map(abs, both)) for both in self._sides.values()) - beyond * lost
-        most = np.minimum(np.maximum(FINE * finest, part * lost), np.maximum(room, finest))
-        return np.asarray(np.minimum(coarser * finest, most))
+        error = np.minimum(coarser * finest, np.maximum(FINE * finest, part * lost))
+        none = CrossingShape(first=0.0, wait=1.0)
+        shapes = [self._shapes.get(name, none) for name in AXES]
+        beyond = np.array([one.beyond for one in shapes])[column]
+        farther = np.array([exaggeration(one, float(c)) for one, c in zip(shapes, self._lag, strict=True)])[column]
+        # A motor without lag, or one that is held there, would take the table so far off the path.
+        used = {AXES[n] for n in np.unique(column).tolist()}
+        whole = max(max(map(abs, self._sides[name])) for name in used)
+        most = np.minimum(np.minimum((MOST + beyond) * lost, whole) / farther, whole - beyond * lost)
+        return error, np.maximum(most, finest)
 
     def _turning_push(self, name: str) -> float:
         """Acceleration [m/s²] that an axis takes across the path in a crossing in steps; infinite elsewhere."""
@@ -452,24 +491,34 @@ class CrossingSearch:
         places = spots.rows[spots.jog, MOTION] + spots.rows[spots.jog, SHARE]
         _, place, count = np.unique(places, return_inverse=True, return_counts=True)
         together[spots.jog] = count[place]
+        standing = self._cost_of_stops(spots)
         for column in np.unique(spots.column).tolist():
             axis = self._machine.axes[AXES[column]]
-            own = spots.column == column
-            jogs = own & spots.jog
-            # Between its ends 2 √(g/a); a corner is passed slowly anyway, which takes about half of it.
-            move = math.sqrt(axis.gap.lost_motion / axis.limits.acceleration)
-            passed = np.where(spots.first | (spots.rows[:, SIGN] == 0.0), 0.0, spots.rows[:, PASSED])
+            jogs = (spots.column == column) & spots.jog
             ahead, behind, beyond = self._waits(spots.rows[jogs], spots.first[jogs], axis, coarser)
             # Out there and back from it, in the air.
             out = 2.0 * math.sqrt(self._overshoot[axis.name] / axis.limits.acceleration)
             # Axes that come to a place together wait together.
             waits = (ahead + behind) / together[jogs]
-            cost[jogs] = np.where(beyond, out, move + passed[jogs] / self._push) + waits
-            chords = own & (spots.window[:, 2] > 0.0)
-            speed, feed = spots.window[chords, 2], spots.feed[chords]
-            way = spots.window[chords, 1] - spots.window[chords, 0]
-            cost[chords] = (feed - speed) ** 2 / (feed * self._push) + way / speed - way / feed
+            cost[jogs] = np.where(beyond, out, standing[jogs]) + waits
+        chords = spots.window[:, 2] > 0.0
+        cost[chords] = self._cost_of_chords(spots)[chords]
         return spots.column, spots.rows[:, MOTION].astype(np.int64), cost
+
+    def _cost_of_stops(self, spots: Spots) -> Array:
+        """Time [s] that a stop with a move of the axis alone takes, rests apart (n,)."""
+        axes = self._machine.axes
+        moves = [math.sqrt(axes[n].gap.lost_motion / axes[n].limits.acceleration) if n in axes else 0.0 for n in AXES]
+        passed = np.where(spots.first | (spots.rows[:, SIGN] == 0.0), 0.0, spots.rows[:, PASSED])
+        # Between its ends 2 √(g/a); a corner is passed slowly anyway, which takes about half of it.
+        return np.asarray(np.array(moves)[spots.column] + passed / self._push[spots.rows[:, MOTION].astype(np.int64)])
+
+    def _cost_of_chords(self, spots: Spots) -> Array:
+        """Time [s] that the windows of crossings take longer than the path, with the ramps beside them (n,)."""
+        feed, push = np.maximum(spots.feed, LEAST_FEED), self._push[spots.rows[:, MOTION].astype(np.int64)]
+        speed = np.where(spots.window[:, 2] > 0.0, spots.window[:, 2], feed)
+        way = spots.window[:, 1] - spots.window[:, 0]
+        return np.asarray((feed - speed) ** 2 / (feed * push) + way / speed - way / feed)
 
     @staticmethod
     def _pause(axis: Axis, coarser: float) -> float:

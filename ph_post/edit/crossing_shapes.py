@@ -194,6 +194,7 @@ def find_windows(
     wait: Any,
     feed: Any,
     error: Any,
+    most: Any,
     kind: Any,
     push: Any,
 ) -> Any:
@@ -211,8 +212,9 @@ def find_windows(
         Places between which it rests, the same where it turns at once.
     bound : Array, shape (n, 2)
         Places that the crossing may not leave.
-    wait, feed, error : Array, shape (n,)
-        Time of the crossing [s], speed of the path [m/s], largest error [m].
+    wait, feed, error, most : Array, shape (n,)
+        Time of the crossing [s], speed of the path [m/s], largest error [m], and the largest one where the path is
+        sharply curved [m].
     kind : array, shape (n,)
         :data:`OUTWARD` or :data:`INWARD` where the table is to be on that side of the path if there is room, else 0.
     push : Array, shape (n,)
@@ -228,7 +230,7 @@ def find_windows(
     found = np.zeros((axis.size, 5))
     for n in range(axis.size):
         lasts = rest[n, 1] - rest[n, 0]
-        low, high, allowed = 0.0, feed[n], error[n]
+        low, high, allowed = 0.0, feed[n], min(error[n], most[n])
         for step in range(HALVINGS + 1):
             speed = high if step == 0 else 0.5 * (low + high)
             more = max(0.5 * (speed * wait[n] - lasts), 0.0)
@@ -241,7 +243,7 @@ def find_windows(
             room = more > 0.0 and begin - out >= bound[n, 0] and finish + out <= bound[n, 1]
             if step == 0 and 0.0 < deep < math.inf:
                 radius = (finish - begin) ** 2 / (8.0 * deep)
-                allowed *= min(max(TIGHT / radius, 1.0), TIGHTER)
+                allowed = min(allowed * min(max(TIGHT / radius, 1.0), TIGHTER), most[n])
             outside = more > 0.0 and begin - more >= bound[n, 0] and finish + more <= bound[n, 1]
             how = INWARD if not room or deep <= 0.5 * allowed or kind[n] == INWARD else BALANCED
             how = OUTWARD if kind[n] == OUTWARD and outside else how

@@ -31,8 +31,11 @@ PART: Final = 0.2
 LARGE: Final = 16.0
 """Above this multiple they leave as much more of it."""
 
-MOST: Final = 0.49
-"""No crossing leaves a larger part of it: the plain program leaves half."""
+MOST: Final = 0.48
+"""No crossing is meant to leave a larger part of it, where the motor does not lag."""
+
+HALF: Final = 0.5
+"""One that leaves a larger part is not made: the plain program leaves as much."""
 
 SHORTEST: Final = 0.02 * MM
 """Blocks of crossings are no shorter [m]; one that would be is moved to the end of the motion beside it."""
@@ -110,6 +113,19 @@ def lead_time(time: float, lag: float) -> float:
         gone = longer * longer - 2.0 * lag * longer + 2.0 * lag * lag * (1.0 - left)
         longer -= (gone - time * time) / (2.0 * longer - 2.0 * lag * (1.0 - left))
     return longer
+
+
+def exaggeration(shape: CrossingShape, lag: float) -> float:
+    """Return how many times its error a table behind a motor without lag leaves the path in a crossing, beyond apart.
+
+    The bulge before and behind it follows the tangent for longer than the table does, or begins sooner.
+    """
+    if shape.beyond > 0.0:
+        time = LEAD * shape.wait
+        return (lead_time(time, lag) / time) ** 2
+    blocks = shape.span(shape.steps) if shape.steps > 1 else max(shape.first, LONE * shape.wait)
+    ahead = 0.5 * max(shape.wait - min(blocks, shape.wait), 0.0)
+    return (1.0 + ahead / (LEAD * shape.wait)) ** 2
 
 
 def _stretch(begin: float, ends: Array, start: Array, points: Array) -> float:
@@ -217,7 +233,7 @@ class CrossingPlanner:
         error = self._error(knots, points, spot)
         # What goes beyond shows to a motor without lag alone.
         own = spot.shape.beyond if not spot.calm else 0.0
-        if error > (MOST + own) * abs(float(spot.after[spot.column] - spot.before[spot.column])):
+        if error > (HALF + own) * abs(float(spot.after[spot.column] - spot.before[spot.column])):
             return None
         parts = self._parts(knots, points, coarse=error > FINE * ERROR)
         if not all(self._divisible[part.motion] for part in parts):
