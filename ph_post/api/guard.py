@@ -43,6 +43,12 @@ ENOUGH: Final = 0.8
 MOST: Final = 3.0
 """Times the time that was reckoned for a plan which another one is given at most."""
 
+FURTHER: Final = 3
+"""Plans that are tried beside a good one that was short of time."""
+
+SAME: Final = 0.02
+"""Times allowed that differ by less than this part give the same plan."""
+
 
 class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     """What a compensated program does to the part: the sections it makes worse, and its time over the original's.
@@ -163,7 +169,7 @@ def tightened(options: EditOptions, finding: GuardFinding, allowed: float, count
     return replace(options, max_slowdown=less, left=left)
 
 
-def otherwise(options: EditOptions, finding: GuardFinding, allowed: float) -> EditOptions:
+def otherwise(options: EditOptions, finding: GuardFinding, allowed: float, over: float) -> EditOptions:
     """Return the options for another plan beside a good one that was short of time.
 
     It takes what is left of the time where that is much, or else goes by what gains most.
@@ -175,9 +181,14 @@ def otherwise(options: EditOptions, finding: GuardFinding, allowed: float) -> Ed
     finding : GuardFinding
     allowed : float
         Slowdown that was asked for.
+    over : float
+        Slowdown that was too much for a plan, infinite where none was.
     """
+    less = options.max_slowdown
     more = finding.planned * min(allowed / max(finding.slowdown, 1e-9), MOST)
-    if finding.slowdown < ENOUGH * allowed and more > options.max_slowdown:
+    if more > (1.0 - SAME) * over:
+        more = 0.5 * (less + over)
+    if finding.slowdown < ENOUGH * allowed and more - less > SAME * abs(less):
         return replace(options, max_slowdown=more)
     return replace(options, max_slowdown=allowed, largest_first=True)
 

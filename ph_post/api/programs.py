@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from functools import cached_property
 from typing import Final
@@ -11,7 +12,16 @@ from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.compensated_program import CompensatedProgram, ProgramRequest, cycle_time, head_notes, refusal
-from ph_post.api.guard import LEAST, ROUNDS, compare_motions, otherwise, tightened, with_neighbours
+from ph_post.api.guard import (
+    FURTHER,
+    LEAST,
+    ROUNDS,
+    GuardFinding,
+    compare_motions,
+    otherwise,
+    tightened,
+    with_neighbours,
+)
 from ph_post.api.lead_work import LeadWork
 from ph_post.api.led_programs import (
     require_lead,
@@ -256,7 +266,8 @@ class _PlanSearch:
         self._count = section_spans(self._original.motions)[0].size
         self._said: tuple[str, ...] = ()
         self._best: CompensatedProgram | None = None
-        self._rms = 0.0
+        self._kept: tuple[EditOptions, GuardFinding] | None = None
+        self._over, self._further = math.inf, 0
 
     def run(self, options: EditOptions) -> CompensatedProgram:
         """Return the best plan; the program itself where none is good."""
@@ -265,7 +276,11 @@ class _PlanSearch:
             edits = replace(edits, warnings=(*edits.warnings, *self._warnings))
             if edits.empty:
                 break
-            again = self._judge(*self._written(edits), options)
+            if self._kept is not None and edits.slowdown == self._kept[1].planned:
+                # The same plan: what is left of the time is too little for the next.
+                again = self._other(options, self._kept[1])
+            else:
+                again = self._judge(*self._written(edits), options)
             if again is None:
                 break
             options = again
@@ -307,18 +322,27 @@ class _PlanSearch:
         if judged is None:
             self._best = self._best or made
             return None
-        allowed = self._request.edit.max_slowdown
-        tighter = tightened(options, judged, allowed, self._count)
-        if self._best is not None:
-            self._best = made if tighter is None and judged.rms < self._rms else self._best
-            return None
+        tighter = tightened(options, judged, self._request.edit.max_slowdown, self._count)
         if tighter is not None:
+            if self._kept is not None or tighter.max_slowdown < options.max_slowdown:
+                self._over = min(self._over, options.max_slowdown)
+            if self._kept is not None:
+                return self._other(*self._kept)
             if tighter.left:
                 where = section_words(self._original, tighter.left)
                 self._said = (f"not compensated in {where}: the part would be no better",)
             return tighter
-        self._best, self._rms = made, judged.rms
-        return otherwise(options, judged, allowed) if made.edits.short else None
+        if self._kept is None or judged.rms <= self._kept[1].rms:
+            self._best = made
+            self._kept = options, judged
+        return self._other(options, judged) if made.edits.short else None
+
+    def _other(self, options: EditOptions, judged: GuardFinding) -> EditOptions | None:
+        """Return the options of another plan beside a good one; None where enough were tried."""
+        self._further += 1
+        if options.largest_first or self._further > FURTHER:
+            return None
+        return otherwise(options, judged, self._request.edit.max_slowdown, self._over)
 
     def _without_failed(self, made: CompensatedProgram, refused: frozenset[int], options: EditOptions) -> EditOptions:
         """Leave what does not pass the check as it is."""

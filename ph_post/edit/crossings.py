@@ -67,6 +67,9 @@ NEWTON: Final = 8
 SETTLING: Final = 4.0
 """So many time constants c behind a corner the motor has arrived, within 2 % of its way."""
 
+SPREAD: Final = 1.1
+"""Behind a lag an error without it is up to so many times what it is where the path is straight."""
+
 FASTER: Final = 2e-3
 """Feeds that differ by less than this part are the same."""
 
@@ -122,7 +125,7 @@ def exaggeration(shape: CrossingShape, lag: float) -> float:
     """
     if shape.beyond > 0.0:
         time = LEAD * shape.wait
-        return (lead_time(time, lag) / time) ** 2
+        return SPREAD * (lead_time(time, lag) / time) ** 2
     blocks = shape.span(shape.steps) if shape.steps > 1 else max(shape.first, LONE * shape.wait)
     ahead = 0.5 * max(shape.wait - min(blocks, shape.wait), 0.0)
     return (1.0 + ahead / (LEAD * shape.wait)) ** 2
