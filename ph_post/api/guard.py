@@ -186,6 +186,7 @@ def otherwise(options: EditOptions, finding: GuardFinding, allowed: float, over:
     """
     less = options.max_slowdown
     more = finding.planned * min(allowed / max(finding.slowdown, 1e-9), MOST)
+    more = max(more, less + 0.5 * (allowed - finding.slowdown))
     if more > (1.0 - SAME) * over:
         more = 0.5 * (less + over)
     if finding.slowdown < ENOUGH * allowed and more - less > SAME * abs(less):

@@ -327,7 +327,7 @@ class _PlanSearch:
             if self._kept is not None or tighter.max_slowdown < options.max_slowdown:
                 self._over = min(self._over, options.max_slowdown)
             if self._kept is not None:
-                return self._other(*self._kept)
+                return None if options.largest_first else self._other(*self._kept)
             if tighter.left:
                 where = section_words(self._original, tighter.left)
                 self._said = (f"not compensated in {where}: the part would be no better",)

@@ -24,6 +24,9 @@ LEAVING_ROUNDS: Final = 6
 TIGHTER: Final = 0.98
 """Part of what should be enough that is allowed the next time."""
 
+TAKEN_BACK: Final = 6
+"""Axes in sections, of those that were left, of which it is tried whether there is time for them after all."""
+
 _HALVINGS: Final = 6
 """Halvings of the range of the dead band, down to a sixtieth of it."""
 
@@ -64,13 +67,14 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
     budget = allowed
     for number in range(LEAVING_ROUNDS):
         if number:
-            search.take_again()
+            search.take_again(search.for_now)
         _leave_costly(search, options, budget, round_up(every / total))
         # What is left may cost more once its neighbours are gone.
         cost = search.cost(_search_raised(search, options, 1.0), COARSER[-1])
         if cost <= allowed:
             break
         budget *= TIGHTER * allowed / cost
+    _take_back(search, options, allowed)
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
@@ -122,12 +126,18 @@ def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, 
             if wanted and spent + price <= allowed:
                 spent += price
                 left.difference_update(wanted)
-    for name in cost:
-        own = sorted(n for axis, n in left if axis == name)
-        price = float(cost[name][own].sum())
-        for n in own:
-            why = f"its crossings would cost {price:.2g} s; --max-slowdown {need:g} would allow them"
-            search.give_up(name, n, why, for_now=True)
+    prices = {name: float(cost[name][[n for axis, n in left if axis == name]].sum()) for name in cost}
+    for name, n in sorted(left, key=lambda one: (-worth(({one[0]}, one[1])), *one)):
+        why = f"its crossings would cost {prices[name]:.2g} s; --max-slowdown {need:g} would allow them"
+        search.give_up(name, n, why, for_now=True)
+
+
+def _take_back(search: ReversalSearch, options: EditOptions, allowed: float) -> None:
+    """Take again what costs no more than is left: axes that come to a place together wait there together."""
+    for place in list(search.for_now[:TAKEN_BACK]):
+        search.take_again([place])
+        if search.cost(_search_raised(search, options, 1.0), COARSER[-1]) > allowed:
+            search.give_up(*place, for_now=True)
 
 
 def _section_costs(search: ReversalSearch, found: dict[str, Array]) -> dict[str, Array]:

@@ -124,7 +124,7 @@ class ReversalSearch:
             part_side=options.part_side,
         )
         self._given_up: dict[tuple[str, str], set[int]] = {}
-        self._for_now: list[tuple[str, int, str]] = []
+        self.for_now: list[tuple[str, int, str]] = []
 
     def changes(self, band: dict[str, float]) -> dict[str, Array]:
         """Find the changes of every axis, and those to no offset at the ends of chains; rows as of `find_reversals`."""
@@ -236,16 +236,17 @@ class ReversalSearch:
     def give_up(self, name: str, section: int, why: str, *, for_now: bool = False) -> None:
         """Leave an axis uncompensated in a section, for a reason that warnings give, or `for_now`."""
         if for_now:
-            self._for_now.append((name, section, why))
+            self.for_now.append((name, section, why))
         self.open[name][section] = False
         self._given_up.setdefault((name, why), set()).add(section)
 
-    def take_again(self) -> None:
-        """Take again what was left for now."""
-        for name, section, why in self._for_now:
+    def take_again(self, places: Collection[tuple[str, int, str]]) -> None:
+        """Take again what was left for now: axes in sections, with the reasons."""
+        for place in list(places):
+            name, section, why = place
             self.open[name][section] = True
             self._given_up[name, why].discard(section)
-        self._for_now.clear()
+            self.for_now.remove(place)
 
     @property
     def warnings(self) -> list[str]:
