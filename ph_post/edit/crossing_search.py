@@ -379,6 +379,7 @@ class CrossingSearch:
         wait = np.array([one.wait for one in shapes])[spots.column]
         crossing = np.array([one.first for one in shapes])[spots.column]
         lag = self._lag[spots.column]
+        late = np.where(np.array([one.beyond for one in shapes])[spots.column] > 0.0, lag, 0.0)
         # No block is shorter than a machine can tell.
         wait = np.maximum(wait, SHORTEST / np.maximum(spots.feed, 1e-12))
         behind = np.minimum(motion + 1, motions.kind.size - 1)
@@ -407,6 +408,7 @@ class CrossingSearch:
                     spots.rest[which],
                     spots.bound[which],
                     wait[which],
+                    late[which],
                     spots.feed[which],
                     np.maximum(error, times * finest)[which],
                     most[which],

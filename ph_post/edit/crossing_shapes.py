@@ -192,6 +192,7 @@ def find_windows(
     rest: Any,
     bound: Any,
     wait: Any,
+    late: Any,
     feed: Any,
     error: Any,
     most: Any,
@@ -212,9 +213,9 @@ def find_windows(
         Places between which it rests, the same where it turns at once.
     bound : Array, shape (n, 2)
         Places that the crossing may not leave.
-    wait, feed, error, most : Array, shape (n,)
-        Time of the crossing [s], speed of the path [m/s], largest error [m], and the largest one where the path is
-        sharply curved [m].
+    wait, late, feed, error, most : Array, shape (n,)
+        Time of the crossing [s], and how much later a command that goes beyond begins and ends [s]; speed of the path
+        [m/s], largest error [m], and the largest one where the path is sharply curved [m].
     kind : array, shape (n,)
         :data:`OUTWARD` or :data:`INWARD` where the table is to be on that side of the path if there is room, else 0.
     push : Array, shape (n,)
@@ -240,7 +241,9 @@ def find_windows(
                 more = max(0.5 * (speed * max(wait[n] - sooner, SOONEST * wait[n]) - lasts), 0.0)
                 begin, finish, deep = _window(view, along, axis[n], float(sign[n]), rest[n], bound[n], more)
             out = (OUTER - 1.0) * more
-            room = more > 0.0 and begin - out >= bound[n, 0] and finish + out <= bound[n, 1]
+            behind = finish + out + late[n] * speed
+            fits = begin - out >= bound[n, 0] and behind <= bound[n, 1]
+            room = more > 0.0 and fits
             if step == 0 and 0.0 < deep < math.inf:
                 radius = (finish - begin) ** 2 / (8.0 * deep)
                 allowed = min(allowed * min(max(TIGHT / radius, 1.0), TIGHTER), most[n])
@@ -248,7 +251,7 @@ def find_windows(
             how = INWARD if not room or deep <= 0.5 * allowed or kind[n] == INWARD else BALANCED
             how = OUTWARD if kind[n] == OUTWARD and outside else how
             e = 0.5 * deep if how == BALANCED else deep
-            if e <= allowed:
+            if e <= allowed and (fits or late[n] == 0.0):
                 low = speed
                 found[n, 0], found[n, 1], found[n, 2] = begin, finish, speed
                 found[n, 3], found[n, 4] = e, how

@@ -12,8 +12,8 @@ from scipy.optimize import minimize_scalar
 from support.reference_player import play
 
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.crossing_shapes import OUTER, RESIDUE, crossing_shape, stair
-from ph_post.edit.crossings import lead_time
+from ph_post.edit.crossing_shapes import OUTER, RESIDUE, CrossingShape, crossing_shape, stair
+from ph_post.edit.crossings import exaggeration, lead_time
 from ph_post.types import Axis
 
 GAP = 0.05
@@ -206,3 +206,24 @@ def test_rounded_joints_of_a_crossing_touch_each_other_at_one_acceleration(
     way = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t)))
     assert speed[-1] == pytest.approx(after, abs=1e-3)
     assert way - 0.5 * (before * lasts[0] + after * lasts[-1]) == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("part", [0.75, 0.85, 1.0])
+@pytest.mark.parametrize(("radius", "speed", "time"), SMALL[:2])
+def test_how_much_farther_a_table_without_lag_goes_where_the_motor_crosses_in_a_part_of_the_time(
+    radius: float, speed: float, time: float, part: float
+) -> None:
+    half = 0.5 * speed * time
+    error, out, ahead = half**2 / (4.0 * radius), (OUTER - 1.0) * half, (1.0 - part) * half
+    bulge = error * ((out + ahead) / out) ** 2
+    s = np.linspace(-4.0 * half, 4.0 * half, 400_001)
+    places = [-half - out, ahead - half, half - ahead, half + out]
+    # On the tangents, which go on to the ends of the motor's block.
+    ends = [math.sqrt(radius**2 - place**2) - radius for place in places]
+    added = [GAP / 2, GAP / 2 + bulge, -GAP / 2 + bulge, -GAP / 2]
+    circle = np.sqrt(radius**2 - s**2) - radius
+    motor = circle + np.where(s < 0.0, added[0], added[-1])
+    inside = (s > places[0]) & (s < places[-1])
+    motor[inside] = np.interp(s[inside], places, np.add(ends, added))
+    shape = CrossingShape(first=part * time, wait=time)
+    assert executed(s, motor, radius) == pytest.approx(exaggeration(shape, 0.0) * error, rel=0.02)
