@@ -46,9 +46,6 @@ MOST: Final = 3.0
 FURTHER: Final = 3
 """Plans that are tried beside a good one that was short of time."""
 
-SAME: Final = 0.02
-"""Times allowed that differ by less than this part give the same plan."""
-
 
 class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     """What a compensated program does to the part: the sections it makes worse, and its time over the original's.
@@ -172,7 +169,7 @@ def tightened(options: EditOptions, finding: GuardFinding, allowed: float, count
 def otherwise(options: EditOptions, finding: GuardFinding, allowed: float, over: float) -> EditOptions:
     """Return the options for another plan beside a good one that was short of time.
 
-    It takes what is left of the time where that is much, or else goes by what gains most.
+    It takes what is left of the time where that is much and was not too much, or else goes by what gains most.
 
     Parameters
     ----------
@@ -187,9 +184,7 @@ def otherwise(options: EditOptions, finding: GuardFinding, allowed: float, over:
     less = options.max_slowdown
     more = finding.planned * min(allowed / max(finding.slowdown, 1e-9), MOST)
     more = max(more, less + 0.5 * (allowed - finding.slowdown))
-    if more > (1.0 - SAME) * over:
-        more = 0.5 * (less + over)
-    if finding.slowdown < ENOUGH * allowed and more - less > SAME * abs(less):
+    if finding.slowdown < ENOUGH * allowed and less < more < over:
         return replace(options, max_slowdown=more)
     return replace(options, max_slowdown=allowed, largest_first=True)
 

@@ -268,6 +268,7 @@ class _PlanSearch:
         self._best: CompensatedProgram | None = None
         self._kept: tuple[EditOptions, GuardFinding] | None = None
         self._over, self._further = math.inf, 0
+        self._planned: set[float] = set()
 
     def run(self, options: EditOptions) -> CompensatedProgram:
         """Return the best plan; the program itself where none is good."""
@@ -276,10 +277,11 @@ class _PlanSearch:
             edits = replace(edits, warnings=(*edits.warnings, *self._warnings))
             if edits.empty:
                 break
-            if self._kept is not None and edits.slowdown == self._kept[1].planned:
-                # The same plan: what is left of the time is too little for the next.
+            if self._kept is not None and edits.slowdown in self._planned:
+                # The same plan again: what is left of the time is too little for the next.
                 again = self._other(options, self._kept[1])
             else:
+                self._planned.add(edits.slowdown)
                 again = self._judge(*self._written(edits), options)
             if again is None:
                 break

@@ -205,19 +205,19 @@ class CrossingSearch:
         self._push = self._accelerations()
 
     def _accelerations(self) -> Array:
-        """Acceleration along the path in every motion [m/s²], (m,): of the weakest axis that moves in it.
+        """Acceleration along the path in every motion [m/s²], (m,), by the limits of the axes and their part in it.
 
         LinuxCNC keeps the rest of it for the curvature in arcs.
         """
         kind, axes = self._program.motions.kind, self._machine.axes
-        found = np.full(kind.size, math.inf)
-        for column, name in enumerate(AXES):
-            if name in axes:
-                moving = self._moving[column]
-                found[moving] = np.minimum(found[moving], axes[name].limits.acceleration)
+        limits = np.array([axes[name].limits.acceleration if name in axes else math.inf for name in AXES])
+        part = np.abs(self._way) / np.maximum(np.diff(self._along), 1e-12)[:, None]
+        arcs = np.flatnonzero(kind == ARC)
+        part[arcs[:, None], plane_columns(self._program.motions.plane[arcs])[:, :2]] = 1.0
+        found = np.min(limits / np.maximum(part, 1e-12), axis=1)
         if not isinstance(self._planner, ExactPath):
-            found[kind == ARC] *= math.sqrt(1.0 - ACROSS**2)
-        return found
+            found[arcs] *= math.sqrt(1.0 - ACROSS**2)
+        return np.asarray(found)
 
     def _speeds_kept(self) -> Array:
         """Speeds of arcs not to be passed faster in parts [m/s], (m,): motors that lag would leave the path."""
@@ -513,7 +513,9 @@ class CrossingSearch:
         moves = [math.sqrt(axes[n].gap.lost_motion / axes[n].limits.acceleration) if n in axes else 0.0 for n in AXES]
         passed = np.where(spots.first | (spots.rows[:, SIGN] == 0.0), 0.0, spots.rows[:, PASSED])
         # Between its ends 2 √(g/a); a corner is passed slowly anyway, which takes about half of it.
-        return np.asarray(np.array(moves)[spots.column] + passed / self._push[spots.rows[:, MOTION].astype(np.int64)])
+        longer = 1.0 + np.minimum(passed / np.maximum(spots.feed, LEAST_FEED), 1.0)
+        move = np.array(moves)[spots.column] * longer
+        return np.asarray(move + passed / self._push[spots.rows[:, MOTION].astype(np.int64)])
 
     def _cost_of_chords(self, spots: Spots) -> Array:
         """Time [s] that the windows of crossings take longer than the path, with the ramps beside them (n,)."""
