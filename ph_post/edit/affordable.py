@@ -11,6 +11,7 @@ from ph_post.compensate.plan_warnings import round_up
 from ph_post.edit.crossings import COARSER
 from ph_post.edit.edits import EditOptions
 from ph_post.edit.reversal_search import ReversalSearch
+from ph_post.edit.reversals import MOTION
 from ph_post.gcode.program import AXES
 from ph_post.types import Array
 from ph_post.units import MM
@@ -142,11 +143,11 @@ def _take_back(search: ReversalSearch, options: EditOptions, allowed: float) -> 
 
 def _section_costs(search: ReversalSearch, found: dict[str, Array]) -> dict[str, Array]:
     """Time that the changes of each axis cost in every section [s], by axis (s,)."""
-    column, motion, times = search.crossings.costs(found, COARSER[-1])
+    spots, times = search.crossings.costs(found, COARSER[-1])
     costs = {name: np.zeros(search.low.size) for name in found}
     for name, cost in costs.items():
-        own = column == AXES.index(name)
-        np.add.at(cost, search.section_of(motion[own]), times[own])
+        own = spots.column == AXES.index(name)
+        np.add.at(cost, search.section_of(spots.rows[own, MOTION]), times[own])
     return costs
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.dialects.base import Dialect
-from ph_post.edit.crossing_search import APPROACH, CrossingSearch
+from ph_post.edit.crossing_ground import APPROACH
+from ph_post.edit.crossing_search import CrossingSearch
 from ph_post.edit.edits import EditOptions
 from ph_post.edit.positions import approach_again, find_restarts, position_from, resting_places
 from ph_post.edit.preconditions import (

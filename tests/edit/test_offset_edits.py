@@ -12,7 +12,7 @@ from support.editing import ENOUGH, compensate
 from ph_post.compensate.offsets import DWELL
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.crossing_search import APPROACH
+from ph_post.edit.crossing_ground import APPROACH
 from ph_post.edit.crossings import ERROR
 from ph_post.edit.edits import EditOptions, Edits, OffsetShift
 from ph_post.edit.offset_edits import plan_offsets

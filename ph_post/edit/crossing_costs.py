@@ -1,0 +1,114 @@
+"""What crossings and stops cost in time."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from ph_post.compensate.offsets import corner_pause
+from ph_post.drive.cascade import response_time
+from ph_post.edit.crossing_ground import LEAST_FEED, CrossingGround, Spots
+from ph_post.edit.crossing_shapes import (
+    RESIDUE,
+)
+from ph_post.edit.crossings import (
+    SETTLING,
+)
+from ph_post.edit.reversals import (
+    BEYOND,
+    MOTION,
+    PASSED,
+    SHARE,
+    SIGN,
+)
+from ph_post.gcode.program import AXES, RAPID
+from ph_post.types import Array, Axis, BoolArray
+
+SOONER: Final = 0.02
+"""An axis comes from beyond its place where its motor need not be there for so much longer [s] then."""
+
+
+class CrossingCosts:
+    """The time that the changes of a program take.
+
+    Parameters
+    ----------
+    ground : CrossingGround
+    """
+
+    def __init__(self, ground: CrossingGround) -> None:
+        self._ground = ground
+
+    def of(self, spots: Spots, coarser: float) -> Array:
+        """Return the time [s] of every change (n,), with errors of crossings up to a multiple of the least."""
+        cost, together = np.zeros(spots.column.size), np.ones(spots.column.size)
+        places = spots.rows[spots.jog, MOTION] + spots.rows[spots.jog, SHARE]
+        _, place, count = np.unique(places, return_inverse=True, return_counts=True)
+        together[spots.jog] = count[place]
+        standing = self.of_stops(spots)
+        for column in np.unique(spots.column).tolist():
+            axis = self._ground.machine.axes[AXES[column]]
+            jogs = (spots.column == column) & spots.jog
+            ahead, behind, beyond = self.waits(spots.rows[jogs], spots.first[jogs], axis, coarser)
+            # Out there and back from it, in the air.
+            out = 2.0 * math.sqrt(self._ground.overshoot[axis.name] / axis.limits.acceleration)
+            # Axes that come to a place together wait together.
+            waits = (ahead + behind) / together[jogs]
+            cost[jogs] = np.where(beyond, out, standing[jogs]) + waits
+        chords = spots.window[:, 2] > 0.0
+        cost[chords] = self.of_chords(spots)[chords]
+        return cost
+
+    def of_stops(self, spots: Spots) -> Array:
+        """Time [s] that a stop with a move of the axis alone takes, rests apart (n,)."""
+        axes = self._ground.machine.axes
+        moves = [math.sqrt(axes[n].gap.lost_motion / axes[n].limits.acceleration) if n in axes else 0.0 for n in AXES]
+        passed = np.where(spots.first | (spots.rows[:, SIGN] == 0.0), 0.0, spots.rows[:, PASSED])
+        # Between its ends 2 √(g/a); a corner is passed slowly anyway, which takes about half of it.
+        longer = 1.0 + np.minimum(passed / np.maximum(spots.feed, LEAST_FEED), 1.0)
+        move = np.array(moves)[spots.column] * longer
+        return np.asarray(move + passed / self._ground.push[spots.rows[:, MOTION].astype(np.int64)])
+
+    def of_chords(self, spots: Spots) -> Array:
+        """Time [s] that the windows of crossings take longer than the path, with the ramps beside them (n,)."""
+        feed, push = np.maximum(spots.feed, LEAST_FEED), self._ground.push[spots.rows[:, MOTION].astype(np.int64)]
+        speed = np.where(spots.window[:, 2] > 0.0, spots.window[:, 2], feed)
+        way = spots.window[:, 1] - spots.window[:, 0]
+        return np.asarray((feed - speed) ** 2 / (feed * push) + way / speed - way / feed)
+
+    @staticmethod
+    def _pause(axis: Axis, coarser: float) -> float:
+        """Rest before and behind a jog [s]: where the motor lags, until it has arrived; none where time is short."""
+        return corner_pause(axis) if response_time(axis.servo) > 0.0 and coarser == 1.0 else 0.0
+
+    def waits(self, rows: Array, first: BoolArray, axis: Axis, coarser: float) -> tuple[Array, Array, BoolArray]:
+        """Rests before jogs and behind them (n,) [s], and which come from beyond their places, in the air.
+
+        Behind a rapid a motor that lags has to be there before it is called back: wholly where it crosses its backlash
+        and no more, and else half as far beyond as its table follows. A cut that began at once would begin with the
+        lag of rapid and jog.
+        """
+        motion, kind = rows[:, MOTION].astype(np.int64), self._ground.program.motions.kind
+        in_air = (kind[motion] == RAPID) & (rows[:, SHARE] == 1.0)
+        onto_side = in_air & (rows[:, SIGN] != 0.0)
+        reserve = max(0.5 * (self._ground.overshoot[axis.name] - axis.gap.lost_motion), RESIDUE)
+        whole, part = _settled(axis, RESIDUE), _settled(axis, reserve)
+        # Z could only be called back from above what the rapid says, if that says anything.
+        sooner = (whole > part + SOONER) & ((axis.name != "Z") | (rows[:, SIGN] < 0.0))
+        beyond = onto_side & (first | (rows[:, BEYOND] == 1.0) | sooner)
+        pause = np.where(in_air, 0.0, self._pause(axis, coarser))
+        cut = onto_side & (np.append(kind, RAPID)[motion + 1] != RAPID)
+        ahead = np.where(beyond, part, np.where(onto_side, whole, pause))
+        behind = np.where(cut, SETTLING * response_time(axis.servo), pause)
+        return ahead, behind, np.asarray(beyond)
+
+
+def _settled(axis: Axis, residue: float) -> float:
+    """Return how long the motor of an axis lags behind a rapid by more than a residue [m], in s.
+
+    It is a c² away from where the command comes to rest with the acceleration a.
+    """
+    lag = response_time(axis.servo)
+    return lag * math.log(max(axis.limits.acceleration * lag**2 / residue, 1.0))

@@ -1,0 +1,268 @@
+"""What the searches for crossings share of a program and its machine, and the changes that they look at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from typing import Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.dialects.base import Dialect
+from ph_post.dialects.planners import planner_of
+from ph_post.drive.cascade import response_time
+from ph_post.edit.beams import BeamGuard
+from ph_post.edit.crossing_shapes import (
+    AT_SPEED,
+    SHORT_LAG,
+    TURNING,
+    CrossingShape,
+    crossing_shape,
+    fastest_in_arcs,
+    shape_in_steps,
+    shortest_time,
+)
+from ph_post.edit.edits import CrossingEdit
+from ph_post.edit.preconditions import why_kept_whole
+from ph_post.edit.reversals import (
+    MOTION,
+    SHARE,
+    motion_view,
+)
+from ph_post.gcode.further import further_lines
+from ph_post.gcode.motion_parts import places_along
+from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, plane_columns
+from ph_post.simulate.controllers.legs import ACROSS
+from ph_post.simulate.controllers.run import planned_speeds, tolerances
+from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
+
+APPROACH: Final = 2.0
+"""An axis whose side of the backlash is not known approaches its place from this many lost motions before it."""
+
+LEAST_FEED: Final = 1e-4
+"""Feeds below this [m/s] are reckoned as this."""
+
+PERIODS: Final = 2.0
+"""No block is to be shorter than so many servo periods: a controller slows down for it."""
+
+LINE_SIZE: Final = 35.0
+"""Length of a line of a crossing [bytes], for controllers that are fed over a serial line."""
+
+INTERRUPTING: Final = frozenset((0, 1, 3, 4, 5, 6, 7, 8, 9, 19, 60, 62, 63, 64, 65, 66, 67, 68))
+"""M words between two motions over which no crossing reaches."""
+
+
+class Spots(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Changes of all axes in the order of travel, n of them, a column each.
+
+    `rows` of :func:`~ph_post.edit.reversals.find_reversals`; `column` of the axis; `before` its sign ahead of the
+    change; `first` of its chain; `at` the place along the program [m]; `rest` (n, 2) and `bound` (n, 2) [m]; `feed`
+    [m/s]; `jog` where the shift is a move of its own; `window` (n, 5) of
+    :func:`~ph_post.edit.crossing_shapes.find_windows`; `calm` where the axis rests long enough for a crossing at full
+    speed, `blend` (n,) [m] from its corners.
+    """
+
+    rows: Array
+    column: IntArray
+    before: IntArray
+    first: BoolArray
+    at: Array
+    rest: Array
+    bound: Array
+    feed: Array
+    jog: BoolArray
+    calm: BoolArray
+    window: Array
+    blend: Array
+
+
+class CrossingGround:
+    """What a program and its machine say of every crossing.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+    dialect : Dialect
+    sides : mapping of str to tuple
+        Offsets [m] of each axis while it moves to minus and to plus.
+    feed : Array, shape (m,)
+        Speed of the path in every motion [m/s].
+    low : IntArray, shape (s,)
+        First motion of every section, of which changes name the one in which they begin.
+    overshoot : mapping of str to float
+        From how far beyond its place each axis comes in the air [m].
+    part_side : {0, 1, -1}
+        1 where the part is on the left of the path, -1 where on its right, 0 where that is not known.
+    """
+
+    def __init__(
+        self,
+        program: PartProgram,
+        machine: Machine,
+        dialect: Dialect,
+        sides: Mapping[str, tuple[float, float]],
+        feed: Array,
+        low: IntArray,
+        overshoot: Mapping[str, float],
+        *,
+        part_side: int = 0,
+    ) -> None:
+        self.part_side = part_side
+        self.overshoot = overshoot
+        stream = dialect.abilities.stream
+        self.least = max(PERIODS * machine.servo_period, LINE_SIZE / stream.rate if stream is not None else 0.0)
+        self.program, self.machine, self._dialect, self.sides = program, machine, dialect, sides
+        self.planner = planner_of(machine)
+        self.along = places_along(program.motions)
+        timed = program.motions.duration > 0.0
+        length = np.diff(self.along)
+        self.feed = np.where(timed, length / np.where(timed, program.motions.duration, 1.0), feed)
+        if not isinstance(self.planner, ExactPath):
+            self.feed = np.minimum(self.feed, fastest_in_arcs(program, machine))
+        self._kept = self._speeds_kept()
+        self.feed = np.minimum(self.feed, self._kept)
+        self.view = motion_view(program.motions)
+        self.way = np.nan_to_num(program.motions.end - program.motions.start)
+        turning = np.zeros(self.way.shape, dtype=np.bool_)
+        arcs = np.flatnonzero(program.motions.kind == ARC)
+        turning[arcs[:, None], plane_columns(program.motions.plane[arcs])[:, :2]] = True
+        self.moving = [np.flatnonzero(column) for column in ((self.way != 0.0) | turning).T]
+        self.low = low
+        self.beam = BeamGuard(program, machine)
+        self.cuts = np.flatnonzero(program.motions.kind != RAPID)
+        self.rapids = np.flatnonzero(program.motions.kind == RAPID)
+        self.region = _regions(program)
+        begins = np.flatnonzero(np.diff(self.region, prepend=-2) != 0)
+        self.region_low = self.along[begins]
+        self.region_high = self.along[np.append(begins[1:], self.region.size)]
+        self.region_number = np.cumsum(np.diff(self.region, prepend=-2) != 0) - 1
+        self._kept_whole = program.language.bound is not None or bool(further_lines(program))
+        self.divisible = np.array([self._may_divide(k) for k in range(program.motions.kind.size)], dtype=np.bool_)
+        self.shapes = {name: self._shape(machine.axes[name]) for name in sides}
+        axes = machine.axes
+        self.lag = np.array([response_time(axes[name].servo) if name in axes else 0.0 for name in AXES])
+        self.push = self._accelerations()
+
+    def _accelerations(self) -> Array:
+        """Acceleration along the path in every motion [m/s²], (m,), by the limits of the axes and their part in it.
+
+        LinuxCNC keeps the rest of it for the curvature in arcs.
+        """
+        kind, axes = self.program.motions.kind, self.machine.axes
+        limits = np.array([axes[name].limits.acceleration if name in axes else math.inf for name in AXES])
+        part = np.abs(self.way) / np.maximum(np.diff(self.along), 1e-12)[:, None]
+        arcs = np.flatnonzero(kind == ARC)
+        part[arcs[:, None], plane_columns(self.program.motions.plane[arcs])[:, :2]] = 1.0
+        found = np.min(limits / np.maximum(part, 1e-12), axis=1)
+        if not isinstance(self.planner, ExactPath):
+            found[arcs] *= math.sqrt(1.0 - ACROSS**2)
+        return np.asarray(found)
+
+    def _speeds_kept(self) -> Array:
+        """Speeds of arcs not to be passed faster in parts [m/s], (m,): motors that lag would leave the path."""
+        motions = self.program.motions
+        nothing = np.full(motions.kind.size, math.inf)
+        lags = any(response_time(self.machine.axes[name].servo) >= SHORT_LAG for name in self.sides)
+        if isinstance(self.planner, ExactPath) or not lags:
+            return nothing
+        return np.where(motions.kind == ARC, planned_speeds(self.program, self.machine), nothing)
+
+    def kept(self, crossings: Collection[CrossingEdit]) -> dict[int, float]:
+        """Return the speed [m/s] that is kept in what crossings leave of each motion, where that is not its feed."""
+        divided = {part.motion for one in crossings for part in one.parts}
+        return {
+            motion: float(self._kept[motion])
+            for motion in sorted(divided)
+            if self._kept[motion] < AT_SPEED * self.program.motions.feed[motion]
+        }
+
+    def _may_divide(self, k: int) -> bool:
+        kind = self.program.motions.kind[k]
+        if kind in (RAPID, NURBS) or (kind == CUBIC and self._dialect.abilities.cubic is None):
+            return False
+        return not (self._kept_whole and why_kept_whole(self.program, k))
+
+    def _shape(self, axis: Axis) -> CrossingShape:
+        fastest = float(np.max(self.feed[self.program.motions.kind != RAPID], initial=0.0))
+        # A planner that passes no crossing at full feed passes one at less.
+        for feed in (fastest, 0.5 * fastest, 0.25 * fastest):
+            first, rounding = shortest_time(self.machine, axis, max(feed, LEAST_FEED))
+            if math.isfinite(first):
+                break
+        else:
+            first, rounding = 2.0 * math.sqrt(axis.gap.lost_motion / axis.limits.acceleration), 0.0
+        first = max(first, axis.gap.lost_motion / axis.limits.velocity, 2.0 * self.machine.servo_period)
+        shape = crossing_shape(axis, first, rounding)
+        if isinstance(self.planner, ExactPath):
+            return shape
+        allowed = tolerances(self.program, self.planner)
+        return shape_in_steps(shape, axis, self.machine.servo_period, min(allowed[allowed > 0.0], default=math.inf))
+
+    def moves(self, column: int, low: int, high: int) -> IntArray:
+        """Return which motions from `low` to before `high` move an axis."""
+        moving = self.moving[column]
+        return moving[np.searchsorted(moving, low) : np.searchsorted(moving, high)]
+
+    def offset(self, column: int, sign: int) -> float:
+        """Return the offset [m] of an axis that moves in a direction; 0 for none."""
+        minus, plus = self.sides[AXES[column]]
+        return plus if sign > 0 else minus if sign < 0 else 0.0
+
+    def alone(self, motion: int, column: int, sign: float) -> bool:
+        """Return whether an axis, from a motion on, first moves alone, before any cut, and by more than its backlash.
+
+        It takes up its backlash on its own way then.
+        """
+        moving = self.moving[column]
+        place = int(np.searchsorted(moving, motion))
+        if place == moving.size:
+            return False
+        own = int(moving[place])
+        cut = int(np.searchsorted(self.cuts, motion))
+        if (cut < self.cuts.size and self.cuts[cut] < own) or self.program.motions.kind[own] not in (RAPID, LINE):
+            return False
+        lost = self.machine.axes[AXES[column]].gap.lost_motion
+        alone = not np.delete(self.way[own], column).any()
+        return bool(alone and self.way[own, column] * sign >= APPROACH * lost)
+
+    def behind_rapid(self, row: Array) -> bool:
+        """Return whether a change, a row of changes, happens behind a rapid."""
+        return bool(self.program.motions.kind[int(row[MOTION])] == RAPID and row[SHARE] == 1.0)
+
+    def turning_push(self, name: str) -> float:
+        """Acceleration [m/s²] that an axis takes across the path in a crossing in steps; infinite elsewhere."""
+        stepped = name in self.shapes and self.shapes[name].steps > 1
+        return TURNING * self.machine.axes[name].limits.acceleration if stepped else math.inf
+
+
+def _regions(program: PartProgram) -> IntArray:
+    """Return the number of the stretch of every motion in which a crossing may lie; −1 where none may.
+
+    A stretch ends where the axes stop, where modes change, and at commands of the machine.
+    """
+    motions, words = program.motions, program.words
+    count = motions.kind.size
+    keys: dict[object, int] = {}
+    key = np.array(
+        [keys.setdefault(replace(one, motion=None, tool=None, prepared=None), len(keys)) for one in program.modal],
+        dtype=np.int64,
+    )
+    own = key[program.state[motions.block]] if count else np.zeros(0, dtype=np.int64)
+    stop = np.zeros(count + 1, dtype=np.bool_)
+    stop[1:count] |= own[1:] != own[:-1]
+    stop[1:count] |= motions.chain[1:] != motions.chain[:-1]
+    m_words = (words.letter == ord("M")) & np.isin(words.value, tuple(INTERRUPTING))
+    dwells = (words.letter == ord("G")) & np.isin(words.value, (4.0, 9.0))
+    for rows in (m_words, dwells, words.letter == ord("S"), words.letter == ord("T")):
+        stop[np.searchsorted(motions.block, words.block[rows], side="left")] = True
+    # S and T of a line are executed before its motion.
+    for rows in (m_words, dwells):
+        stop[np.searchsorted(motions.block, words.block[rows], side="right")] = True
+    known = np.isfinite(motions.start).any(axis=1) & (motions.kind != RAPID) & (motions.kind != NURBS)
+    known &= ~(np.isnan(motions.start) & ~np.isnan(motions.end)).any(axis=1)
+    stop[1:count] |= known[1:] != known[:-1]
+    stop[1:count] |= motions.exact[1:] != motions.exact[:-1]
+    return np.asarray(np.where(known, np.cumsum(stop[:count]), -1))

@@ -1,0 +1,299 @@
+"""Find where and how each reversal of a program may be crossed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.edit.crossing_costs import CrossingCosts
+from ph_post.edit.crossing_ground import LEAST_FEED, CrossingGround, Spots
+from ph_post.edit.crossing_shapes import (
+    AT_SPEED,
+    INWARD,
+    OUTWARD,
+    SHORT_LAG,
+    CrossingShape,
+    find_windows,
+    points_along,
+)
+from ph_post.edit.crossings import (
+    COARSER,
+    ERROR,
+    FINE,
+    KINK,
+    LARGE,
+    MOST,
+    PART,
+    SETTLING,
+    SHORTEST,
+    exaggeration,
+)
+from ph_post.edit.reversals import (
+    BEYOND,
+    CARRIED,
+    CHAIN,
+    COLUMNS,
+    FIRST,
+    LAST,
+    MOTION,
+    PASSED,
+    SHARE,
+    SHARE0,
+    SHARE1,
+    SIGN,
+)
+from ph_post.gcode.program import AXES, RAPID, plane_columns
+from ph_post.simulate.controllers.run import tolerances
+from ph_post.types import Array, ExactPath, IntArray
+from ph_post.units import MM
+
+STEPS_ERROR: Final = 1.25e-3 * MM
+"""As :data:`ERROR`, of crossings in steps: a controller that rounds joints slows down with half of the acceleration in
+arcs, so that less error takes much time."""
+
+CLEAR: Final = 1.5
+"""Times the shortest block: what a crossing leaves at least between itself and a corner that is rounded."""
+
+BLEND_ANGLE: Final = math.radians(20.0)
+"""Corners duller than this reach no farther into the path than this one when they are rounded."""
+
+NEARLY: Final = 0.999
+"""Part of a length that is as good as all of it."""
+
+BEAM_COARSER: Final = (2.0, 4.0, 8.0)
+"""Multiples of the least error that a crossing with a beam on is given before it is left alone."""
+
+
+class SpotSearch:
+    """Finds the windows of crossings, and the changes that are moves of their own.
+
+    Parameters
+    ----------
+    ground : CrossingGround
+    costs : CrossingCosts
+    """
+
+    def __init__(self, ground: CrossingGround, costs: CrossingCosts) -> None:
+        self._ground, self._costs = ground, costs
+
+    def find(self, changes: Mapping[str, Array], coarser: float) -> Spots:
+        """Gather the changes of all axes, and find how each is crossed."""
+        ground = self._ground
+        parts, columns, befores, firsts = [np.zeros((0, COLUMNS))], [], [], []
+        for name, found_rows in changes.items():
+            rows = self._needed(self._wound_up(found_rows, AXES.index(name)), AXES.index(name))
+            first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)[: len(rows)]
+            before = np.append(0.0, rows[:-1, SIGN])[: len(rows)]
+            before[first] = 0.0
+            parts.append(rows)
+            columns.append(np.full(len(rows), AXES.index(name)))
+            befores.append(before)
+            firsts.append(first)
+        rows = np.concatenate(parts)
+        nothing = np.zeros(0)
+        column, before, first = (np.concatenate([nothing, *found]) for found in (columns, befores, firsts))
+        motion = rows[:, MOTION].astype(np.int64)
+        length = np.diff(ground.along)
+        at = ground.along[motion] + rows[:, SHARE] * length[motion]
+        order = np.lexsort((column, at))
+        rows, motion, at = rows[order], motion[order], at[order]
+        found = Spots(
+            rows=rows,
+            column=column[order].astype(np.int64),
+            before=before[order].astype(np.int64),
+            first=first[order].astype(np.bool_),
+            at=at,
+            rest=self._rests(rows, motion, length),
+            bound=self._bounds(motion, at),
+            feed=self._speed(rows, motion),
+            jog=np.zeros(len(rows), dtype=np.bool_),
+            calm=np.zeros(len(rows), dtype=np.bool_),
+            window=np.zeros((len(rows), 5)),
+            blend=np.zeros(len(rows)),
+        )
+        return self._with_windows(found, motion, coarser)
+
+    def _wound_up(self, rows: Array, column: int) -> Array:
+        """Let the first change of a chain happen behind the rapid that brings the axis to its first place.
+
+        A rapid away from there would leave the first place on an unknown side.
+        """
+        ground = self._ground
+        first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)[: len(rows)]
+        found = rows.copy()
+        for n in np.flatnonzero(first & (rows[:, SIGN] != 0.0)).tolist():
+            if rows[n, SHARE0] == 0.0 and rows[n, FIRST] == rows[n, MOTION] and rows[n, SHARE] == 1.0:
+                # That rapid itself is the first to move the axis.
+                continue
+            place = rows[n, FIRST] if rows[n, SHARE0] == 1.0 else rows[n, FIRST] - 1.0
+            rapid = int(np.searchsorted(ground.rapids, place, side="right")) - 1
+            if rapid < 0 or ground.rapids[rapid] < ground.low[int(rows[n, CHAIN])]:
+                continue
+            if np.isfinite(ground.program.motions.end[ground.rapids[rapid], column]):
+                found[n, MOTION], found[n, SHARE], found[n, CARRIED] = ground.rapids[rapid], 1.0, 0.0
+        return found
+
+    def _needed(self, rows: Array, column: int) -> Array:
+        """Leave out what an axis does in the air between two cuts, there and back, where it then comes down alone."""
+        keep = np.ones(len(rows), dtype=np.bool_)
+        kind = self._ground.program.motions.kind
+        there, back = rows[1:-1], rows[2:]
+        before = rows[:-2]
+        pairs = (there[:, CARRIED] == 1.0) & (back[:, CARRIED] == 0.0) & (back[:, SIGN] == before[:, SIGN])
+        pairs &= (
+            (there[:, BEYOND] == 0.0)
+            & (back[:, BEYOND] == 0.0)
+            & (back[:, SIGN] != 0.0)
+            & (back[:, CHAIN] == before[:, CHAIN])
+            & (back[:, SHARE] == 1.0)
+        )
+        for n in (1 + np.flatnonzero(pairs)).tolist():
+            first, last = int(rows[n, MOTION]), int(rows[n + 1, MOTION])
+            sign = rows[n + 1, SIGN]
+            free = self._ground.offset(column, int(sign)) == 0.0 and self._ground.alone(last + 1, column, sign)
+            if keep[n] and free and (kind[first : last + 1] == RAPID).all():
+                keep[n : n + 2] = False
+        return rows[keep]
+
+    def _rests(self, rows: Array, motion: IntArray, length: Array) -> Array:
+        """Places between which the axis rests, in the stretch of path that a crossing may lie in, shape (n, 2)."""
+        ground = self._ground
+        region = ground.region_number[motion]
+        ends = [
+            ground.along[rows[:, at].astype(np.int64)] + rows[:, share] * length[rows[:, at].astype(np.int64)]
+            for at, share in ((FIRST, SHARE0), (LAST, SHARE1))
+        ]
+        low, high = ground.region_low[region], ground.region_high[region]
+        return np.stack([np.clip(one, low, high) for one in ends], axis=1)
+
+    def _bounds(self, motion: IntArray, at: Array) -> Array:
+        """Places that crossings may not leave: half way to their neighbours, or the ends of their stretch, (n, 2)."""
+        ground = self._ground
+        region = ground.region_number[motion]
+        middle = 0.5 * (at[1:] + at[:-1])
+        low = np.maximum(ground.region_low[region], np.append(-np.inf, middle)[: at.size])
+        high = np.minimum(ground.region_high[region], np.append(middle, np.inf)[: at.size])
+        return np.stack([low, high], axis=1)
+
+    def _speed(self, rows: Array, motion: IntArray) -> Array:
+        """Speed of the path at a place [m/s]: at a joint the lower of both feeds."""
+        ground = self._ground
+        behind = np.minimum(motion + 1, ground.feed.size - 1)
+        joint = (rows[:, SHARE] == 1.0) & (ground.region[behind] == ground.region[motion])
+        return np.asarray(np.where(joint, np.minimum(ground.feed[motion], ground.feed[behind]), ground.feed[motion]))
+
+    def _with_windows(self, spots: Spots, motion: IntArray, coarser: float) -> Spots:
+        ground = self._ground
+        motions, rows = ground.program.motions, spots.rows
+        if not motion.size:
+            return spots
+        none = CrossingShape(first=0.0, wait=0.0)
+        shapes = [ground.shapes.get(name, none) for name in AXES]
+        wait = np.array([one.wait for one in shapes])[spots.column]
+        crossing = np.array([one.first for one in shapes])[spots.column]
+        lag = ground.lag[spots.column]
+        late = np.where(np.array([one.beyond for one in shapes])[spots.column] > 0.0, lag, 0.0)
+        # No block is shorter than a machine can tell.
+        wait = np.maximum(wait, SHORTEST / np.maximum(spots.feed, 1e-12))
+        behind = np.minimum(motion + 1, motions.kind.size - 1)
+        ends = (rows[:, SHARE] == 1.0) & ((ground.region[behind] != ground.region[motion]) | (behind == motion))
+        stops = (ground.region[motion] < 0) | ends | (motions.exact[motion] == 1)
+        corner = (rows[:, SHARE] == 1.0) & (rows[:, PASSED] < KINK * spots.feed)
+        inner = (rows[:, SIGN] != 0.0) & (rows[:, CARRIED] == 0.0) & ~spots.first & ~stops & (spots.feed > 0.0)
+        room = np.minimum(spots.rest[:, 1], spots.bound[:, 1]) - np.maximum(spots.rest[:, 0], spots.bound[:, 0])
+        blend = self._blends(spots, motion)
+        calm = inner & (room >= spots.feed * (wait + SETTLING * lag) + 2.0 * blend) & (room > 2.0 * SHORTEST)
+        turning = inner & ~calm & ~corner
+        window = np.zeros((len(rows), 5))
+        # A beam is not slowed down: a coarser crossing has to do.
+        lit = ground.beam.is_beam & ground.beam.works.on[motion]
+        push = np.array([ground.turning_push(name) for name in AXES])[spots.column]
+        finest = np.where(np.isfinite(push), STEPS_ERROR, ERROR)
+        error, most = self._allowed(spots.column, coarser, finest)
+        which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, lag)
+        for number, times in enumerate((0.0, *BEAM_COARSER)):
+            if which.size:
+                window[which] = find_windows(
+                    ground.view,
+                    ground.along,
+                    spots.column[which],
+                    rows[which, SIGN],
+                    spots.rest[which],
+                    spots.bound[which],
+                    wait[which],
+                    late[which],
+                    spots.feed[which],
+                    np.maximum(error, times * finest)[which],
+                    most[which],
+                    wanted[which],
+                    push[which],
+                )
+            slowed = turning & lit & (window[:, 2] < AT_SPEED * spots.feed)
+            which = np.flatnonzero(slowed)
+            if number == len(BEAM_COARSER):
+                turning &= ~slowed
+        if turning.any():
+            short = window[:, 1] - window[:, 0] < NEARLY * SHORTEST
+            slow = window[:, 2] * crossing < 0.25 * SHORTEST
+            turning &= ~(short | slow)
+        spots = replace(spots, calm=calm, window=np.where(turning[:, None], window, 0.0), blend=blend)
+        if coarser == COARSER[-1]:
+            # Where a beam or a nozzle works nothing stops.
+            works = ground.beam.works.on[motion] & ground.beam.tends
+            turning &= works | (self._costs.of_chords(spots) <= self._costs.of_stops(spots))
+        jog = (rows[:, CARRIED] == 0.0) & ~calm & ~turning
+        return replace(spots, jog=jog, window=np.where(turning[:, None], window, 0.0))
+
+    def _allowed(self, column: IntArray, coarser: float, finest: Array) -> tuple[Array, Array]:
+        """Return errors of crossings (n,) [m], up to a multiple of the `finest` ones (n,), and the largest of all."""
+        ground = self._ground
+        axes = ground.machine.axes
+        lost = np.array([axes[n].gap.lost_motion if n in axes else 0.0 for n in AXES])[column]
+        part = PART * max(coarser / LARGE, 1.0)
+        error = np.minimum(coarser * finest, np.maximum(FINE * finest, part * lost))
+        none = CrossingShape(first=0.0, wait=1.0)
+        shapes = [ground.shapes.get(name, none) for name in AXES]
+        beyond = np.array([one.beyond for one in shapes])[column]
+        farther = np.array([exaggeration(one, float(c)) for one, c in zip(shapes, ground.lag, strict=True)])[column]
+        # A motor without lag, or one that is held there, would take the table so far off the path.
+        used = {AXES[n] for n in np.unique(column).tolist()}
+        whole = max(max(map(abs, ground.sides[name])) for name in used)
+        most = np.minimum(np.minimum((MOST + beyond) * lost, whole) / farther, whole - beyond * lost)
+        return error, np.maximum(most, finest)
+
+    def _blends(self, spots: Spots, motion: IntArray) -> Array:
+        """Return how far from a corner the controller may round it within its tolerance P [m], shape (n,).
+
+        An arc that passes a corner with the deflection φ within P begins P cot(φ/4) before it.
+        """
+        if isinstance(self._ground.planner, ExactPath):
+            return np.zeros(motion.size)
+        allowed = np.maximum(tolerances(self._ground.program, self._ground.planner)[motion], 0.0)
+        passed = spots.rows[:, PASSED] / np.maximum(spots.feed, LEAST_FEED)
+        known = spots.at == spots.rest[:, 0]
+        angle = np.where(known, np.arccos(np.clip(passed, -1.0, 1.0)), BLEND_ANGLE)
+        reach = allowed / np.tan(0.25 * np.maximum(angle, BLEND_ANGLE))
+        # Nearer to the corner a crossing would begin in it.
+        shortest = np.maximum(self._ground.least * spots.feed, SHORTEST)
+        return np.asarray(np.where(reach > 0.0, np.maximum(reach, CLEAR * shortest), 0.0))
+
+    def _wanted(self, spots: Spots, motion: IntArray, lag: Array) -> IntArray:
+        """Kinds of crossings (n,) that leave the part proud, 0 where its side is not known, or the motor lags."""
+        ground = self._ground
+        found = np.zeros(motion.size, dtype=np.int64)
+        if not ground.part_side:
+            return found
+        middle, rows = spots.rest.mean(axis=1), np.arange(motion.size)
+        ahead, behind = (points_along(ground.view, ground.along, middle + d) for d in (0.5 * SHORTEST, -0.5 * SHORTEST))
+        way, columns = ahead - behind, plane_columns(ground.program.motions.plane[motion])
+        # How far the centre of curvature is to the left: it lies where the axis goes after its reversal.
+        first, second = (way[rows, columns[:, k]] for k in (0, 1))
+        left = np.where(spots.column == columns[:, 0], -second, np.where(spots.column == columns[:, 1], first, 0.0))
+        left *= spots.rows[:, SIGN] * ground.part_side
+        found[left > 0.0], found[left < 0.0] = OUTWARD, INWARD
+        found[lag >= SHORT_LAG] = 0
+        return found
