@@ -235,6 +235,9 @@ _LED_ROUNDS = 40
 _LITTLE = 0.01
 """Beyond what a led command asks for, a stretch is slowed by this part, and by more after every few rounds."""
 
+_LEAST_EASE = 0.25
+"""Part of its usual change below which the speed need not change slower for a lead: that is not what it lacks."""
+
 _LARGEST_STEP = 0.5
 """No stretch is slowed by more than this factor at once for the sake of a led command."""
 
@@ -347,6 +350,7 @@ class FeedPlanner:
         depth = np.ones(len(sites)) if depth is None else depth.copy()
         refused: dict[int, str] = {}
         near: ViolationSpans | None = None
+        ease, changed = self.ease.copy(), True
         for attempt in range(_ROUNDS):
             candidate = self._candidate(sites, depth, refused)
             check_samples(self.track.path.name, candidate.motion.end, self.limits.period, REMEDY)
@@ -358,7 +362,7 @@ class FeedPlanner:
                 near = broken
             else:
                 broken = find_violations(self.track, self.limits, candidate.motion)
-            if not broken.factor.size or (self.room is not None and attempt >= _LED_ROUNDS):
+            if not broken.factor.size or (self.room is not None and (attempt >= _LED_ROUNDS or not changed)):
                 return ValidMotion(
                     motion=candidate.motion,
                     sites=candidate.sites,
@@ -369,7 +373,11 @@ class FeedPlanner:
             guilty, elsewhere = self._guilty(candidate, broken, depth)
             self._soften(candidate, guilty, depth, refused)
             if self.room is not None:
-                self._make_room(broken.where(elsewhere), steady[elsewhere], 1.0 - _LITTLE * (1 + attempt // 4))
+                eased, steady = broken.where(elsewhere), steady[elsewhere]
+                in_vain = self._eased_in_vain(eased) & ~steady
+                self._make_room(eased.where(~in_vain), steady[~in_vain], 1.0 - _LITTLE * (1 + attempt // 4))
+                given_up = self._give_up(eased.where(in_vain), candidate.sites, depth, refused, ease)
+                changed = bool(guilty.size or given_up or not np.all(in_vain))
             else:
                 self._slow(broken.where(elsewhere), everything=attempt > _PATIENCE)
         left = f"{broken.factor.size} stretches of samples still break one"
@@ -423,15 +431,42 @@ class FeedPlanner:
 
     def _make_room(self, broken: ViolationSpans, steady: BoolArray, beyond: float) -> None:
         """Lower the feed where it is too fast by itself, and let it change slower where only that asks for too much."""
-        s = self.caps.s
         for slower, which in ((self.factor, steady), (self.ease, ~steady)):
-            once = np.ones(s.size)
+            once = np.ones(self.caps.s.size)
             spans = broken.where(which)
-            first = np.maximum(np.searchsorted(s, spans.s0, side="right") - 1, 0)
-            last = np.minimum(np.searchsorted(s, spans.s1, side="left"), s.size - 1)
-            for i, j, factor in zip(np.minimum(first, last), np.maximum(first, last), spans.factor, strict=True):
-                once[i : j + 1] = np.minimum(once[i : j + 1], max(beyond * factor, _LARGEST_STEP))
+            for points, factor in zip(self._points(spans), spans.factor, strict=True):
+                once[points] = np.minimum(once[points], max(beyond * factor, _LARGEST_STEP))
             np.multiply(slower, once, out=slower)
+
+    def _points(self, spans: ViolationSpans) -> list[slice]:
+        """Return the points of the caps that stretches lie between."""
+        s = self.caps.s
+        first = np.maximum(np.searchsorted(s, spans.s0, side="right") - 1, 0)
+        last = np.minimum(np.searchsorted(s, spans.s1, side="left"), s.size - 1)
+        return [slice(min(i, j), max(i, j) + 1) for i, j in zip(first.tolist(), last.tolist(), strict=True)]
+
+    def _eased_in_vain(self, broken: ViolationSpans) -> BoolArray:
+        """Return on which stretches the speed changes as slowly as it may, which has not helped."""
+        return np.array([self.ease[points].max() < _LEAST_EASE for points in self._points(broken)], dtype=np.bool_)
+
+    def _give_up(
+        self, broken: ViolationSpans, sites: tuple[Site, ...], depth: Array, refused: dict[int, str], ease: Array
+    ) -> bool:
+        """Leave out a profile beside the stretches that it leaves no room on, where the speed may change as before.
+
+        Returns
+        -------
+        bool
+            Whether there was any.
+        """
+        ends = np.array([site.ends for site in sites]).reshape(-1, 2)
+        away = [np.maximum(ends[:, 0] - s1, s0 - ends[:, 1]) for s0, s1 in zip(broken.s0, broken.s1, strict=True)]
+        beside = {int(np.argmin(np.where(depth > 0.0, one, np.inf))) for one in away} if np.any(depth) else set()
+        for number in beside:
+            depth[number], refused[number] = 0.0, "it leaves no room beside it for the inverse dynamics"
+        for points in self._points(broken):
+            self.ease[points] = ease[points]
+        return bool(beside)
 
     def _lay(self, number: int, site: Site, depth: float) -> list[SiteSpan] | str:
         """Put a profile on the path so deep, or say why that cannot be done."""
@@ -485,11 +520,8 @@ class FeedPlanner:
 
     def _slow(self, broken: ViolationSpans, everything: bool) -> None:
         """Lower the caps on the stretches, and a little everywhere if nothing else helped."""
-        s = self.caps.s
-        first = np.maximum(np.searchsorted(s, broken.s0, side="right") - 1, 0)
-        last = np.minimum(np.searchsorted(s, broken.s1, side="left"), s.size - 1)
-        for i, j, factor in zip(np.minimum(first, last), np.maximum(first, last), broken.factor, strict=True):
-            self.factor[i : j + 1] *= max(_SLOWER * factor, _SLOWEST_STEP)
+        for points, factor in zip(self._points(broken), broken.factor, strict=True):
+            self.factor[points] *= max(_SLOWER * factor, _SLOWEST_STEP)
         if everything:
             self.factor *= _SLOWER * max(float(broken.factor.min(initial=1.0)), _SLOWEST_STEP)
 

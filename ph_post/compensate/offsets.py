@@ -11,7 +11,7 @@ is what is written here.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -167,8 +167,8 @@ def lead_in(phases: Sequence[Phase], crossings: Sequence[Crossing | Jog]) -> flo
 EDGE = 0.3
 """Part of a push that it takes to rise, and to fall."""
 
-FADES = (4.0, 8.0, 16.0, 32.0)
-"""Durations of a fade of the inverse dynamics that are tried, in units of the servo's √b."""
+FADE = 4.0
+"""Duration of the shortest fade of the inverse dynamics, in units of the servo's √b; each next one is twice as long."""
 
 DEPTHS = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0)
 """Parts of what is left of the inverse dynamics that are faded out in turn, until the limits are kept."""
@@ -366,37 +366,44 @@ def _faded(command: Command, machine: Machine, fixed: Array, added: Sequence[Arr
 
     `added` are the path as the lead's window shows it, less the path, and the lead. All axes fade together: where one
     follows without lag and another does not, the path is lost. No more is faded out than need be, place by place: of
-    the lead alone, of both where the path through the window breaks a limit by itself, and all of it as a last resort.
+    the lead alone, or of both where the path through the window breaks a limit by itself. What breaks a limit with
+    neither is no matter of theirs.
     """
     shift, dynamic = added
-    for kept, faded in ((shift, dynamic), (np.zeros_like(shift), shift + dynamic)):
-        found = _faded_over(command, machine, fixed + kept, faded)
-        if found is not None:
-            return kept + found
-    return np.zeros_like(dynamic)
+    if not _broken(command, machine, fixed + shift + dynamic).any():
+        return np.asarray(shift + dynamic)
+    alone = _broken(command, machine, fixed + shift)
+    hopeless = alone & _broken(command, machine, fixed) if alone.any() else alone
 
-
-def _faded_over(command: Command, machine: Machine, fixed: Array, dynamic: Array) -> Array | None:
-    """Return what can be kept of what is added; None where the command breaks a limit without it, too."""
-    broken = _broken(command, machine, fixed + dynamic)
-    if not broken.any():
-        return dynamic
-    if _broken(command, machine, fixed).any():
-        return None
-    from scipy.ndimage import maximum_filter1d
+    def broken(offset: Array) -> BoolArray:
+        return _broken(command, machine, fixed + offset) & ~hopeless
 
     unit = max(np.sqrt(machine.axes[name].servo.b) for name in command.axes)
-    weight = np.ones(command.t.size)
-    for fade in FADES:
-        samples = max(int(np.ceil(fade * unit / command.period)), LEAST_FADE)
+    shortest = max(int(np.ceil(FADE * unit / command.period)), LEAST_FADE)
+    both = _faded_until(lambda weight: broken(weight * shift), np.ones(command.t.size), shortest)
+    lead = _faded_until(lambda weight: broken(both[:, np.newaxis] * shift + weight * dynamic), both, shortest)
+    return np.asarray(both[:, np.newaxis] * shift + lead[:, np.newaxis] * dynamic)
+
+
+def _faded_until(broken: Callable[[Array], BoolArray], weight: Array, samples: int) -> Array:
+    """Lower a weight (n,) around samples that are `broken` with it (n, 1), further and wider until none is.
+
+    `samples` is the duration of the shortest fade; one that is longer than the whole is the last.
+    """
+    from scipy.ndimage import maximum_filter1d
+
+    weight, found = weight.copy(), broken(weight[:, np.newaxis])
+    while found.any():
+        if samples > 2 * weight.size:
+            return np.zeros_like(weight)
         for depth in DEPTHS:
-            out = maximum_filter1d(broken, 2 * (samples // 4) + 1, mode="constant")
+            out = maximum_filter1d(found, 2 * (samples // 4) + 1, mode="constant")
             weight *= 1.0 - depth * (1.0 - _weight(out, samples))
-            kept = weight[:, np.newaxis] * dynamic
-            broken = _broken(command, machine, fixed + kept)
-            if not broken.any():
-                return np.asarray(kept)
-    return np.zeros_like(dynamic)
+            found = broken(weight[:, np.newaxis])
+            if not found.any():
+                break
+        samples *= 2
+    return weight
 
 
 def _broken(command: Command, machine: Machine, offset: Array) -> BoolArray:

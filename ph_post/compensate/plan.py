@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from copy import copy
 from typing import NamedTuple
@@ -264,7 +265,9 @@ class Planner:
     def plan(self, name: str, result: StrategyResult) -> Plan:
         """Fit what a strategy proposes to the path and the limits."""
         first = result.friction_first if self._friction(result) else 0.0
-        feed_planner, fitted = self._fitted(result.requests, self.longest - first)
+        # A design that was searched is of no use softened for time: others are asked for that take less.
+        longest = math.inf if result.proven else self.longest - first
+        feed_planner, fitted = self._fitted(result.requests, longest)
         missed = self._missed(result.requests, fitted.profiles)
         if missed:
             return self.plan(name, with_rests(result, missed) if result.rests else without_profiles(result, missed))

@@ -105,7 +105,7 @@ def prove_in_time(
     for _ in range(ROUNDS):
         if takes_too_long(plan, planner):
             break
-        removable = [k for k, one in enumerate(result.requests) if _without(one, planner.machine) is not one]
+        removable = [k for k, one in enumerate(result.requests) if without_design(one, planner.machine) is not one]
         blamed = checker.blame(plan, removable, known)
         if blamed is None:
             return Proven(plan, result)
@@ -114,7 +114,7 @@ def prove_in_time(
             plan, known = planner.plan(plan.strategy, result), {}
             continue
         requests = tuple(
-            _without(request, planner.machine) if number in blamed else request
+            without_design(request, planner.machine) if number in blamed else request
             for number, request in enumerate(result.requests)
         )
         if all(one is other for one, other in zip(requests, result.requests, strict=True)):
@@ -147,7 +147,7 @@ def in_time(plan: Plan, result: StrategyResult, planner: Planner) -> tuple[Plan,
     for _ in range(SHORTENINGS):
         if result.shorter is None or not takes_too_long(plan, planner):
             break
-        end, plain = _ends(plan)
+        end, plain = plan_time(plan), planner.baseline.valid.motion.end
         part *= 0.97 * (planner.longest - plain) / (end - plain)
         result = result.shorter(part)
         plan = planner.plan(plan.strategy, result)
@@ -181,7 +181,7 @@ def _ends(plan: Plan) -> tuple[float, float]:
     return plan_time(plan), cycle_time(plan.nominal)
 
 
-def _without(request: ProfileRequest, machine: Machine) -> ProfileRequest:
+def without_design(request: ProfileRequest, machine: Machine) -> ProfileRequest:
     """Leave the feed alone; a lasting offset still has to be changed."""
     lasting = tuple(one for one in request.crossings if not machine.axes[one.axis].loop.encloses_backlash)
     if request.shape is None and not (request.stop or request.friction) and lasting == request.crossings:

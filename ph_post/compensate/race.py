@@ -28,6 +28,7 @@ from ph_post.compensate.prove import (
     left_alone,
     prove_in_time,
     takes_too_long,
+    without_design,
 )
 from ph_post.compensate.sizes import Sizes
 from ph_post.compensate.standstill import added_standing
@@ -77,8 +78,11 @@ GAINED: Final = 0.01
 KIN: Final = 12
 """Plans at most that are looked at for what they do better in places."""
 
-GRAFTS: Final = (1.0, 0.5, 0.25)
-"""Parts of the places at which other plans are better that are tried in the winner."""
+GRAFTS: Final = 4
+"""Plans at most in which the winner has what others do better in places."""
+
+LESS: Final = 0.5
+"""Part of these places that are tried next where all of them take too long."""
 
 LEAST_GRAFT: Final = 0.05
 """Logarithm by which another plan must be better at a place."""
@@ -347,28 +351,39 @@ class _Race:
         better[high > high[0] + GAINED] = 0.0
         which, gain = np.argmax(better, axis=0), better.max(axis=0)
         wanted = np.flatnonzero((gain > LEAST_GRAFT) & (which > 0))
-        wanted = wanted[np.argsort(-gain[wanted], kind="stable")]
-        for part in GRAFTS if wanted.size else ():
-            taken = wanted[: math.ceil(part * wanted.size)].tolist()
-            requests = list(winner.result.requests)
-            for number in taken:
+        wanted = wanted[np.argsort(-high[0][wanted], kind="stable")]
+        # Profiles that found no room in the plan could find some in another one.
+        own = [
+            one if one.shape is None or profile is not None else without_design(one, self.planner.machine)
+            for one, profile in zip(winner.result.requests, winner.plan.profiles, strict=True)
+        ]
+        best = winner
+        for _ in range(GRAFTS):
+            if not wanted.size:
+                break
+            requests = list(own)
+            for number in wanted.tolist():
                 requests[number] = kin[which[number] - 1].result.requests[number]
-            result = replace(winner.result, requests=tuple(requests), shorter=None, rivals=(), warnings=())
+            result = replace(winner.result, requests=tuple(requests), proven=True, shorter=None, rivals=(), warnings=())
             plan = winner.planner.plan(self.name, result)
-            if takes_too_long(plan, winner.planner):
-                continue
             command = command_of(plan, self.checker.track, self.checker.period)
             runner = self._runner(winner.planner, result, plan, command)
-            if self._stands_too_long(runner):
+            if takes_too_long(plan, winner.planner) or self._stands_too_long(runner):
+                wanted = wanted[: int(LESS * wanted.size)]
                 continue
-            found = self._proof(self._measured(runner, tried), tried) if self._beats(runner, winner, tried) else None
-            if found is not None and self._beats(found, winner, tried):
-                return found
-        return winner
+            runner = self._measured(runner, tried)
+            if self._beats(runner, best, tried):
+                best = runner
+            here = np.log(np.maximum(self._places(runner, few).max, least))
+            kept = wanted[_nearby(here)[wanted] <= _nearby(high[0])[wanted]]
+            if kept.size == wanted.size:
+                break
+            wanted = kept
+        found = None if best is winner else self._proof(best, tried)
+        return winner if found is None or not self._beats(found, winner, tried) else found
 
     def _beats(self, runner: Runner, other: Runner, tried: Sequence[Scenario]) -> bool:
-        measured = runner if runner.sizes else self._measured(runner, tried)
-        return self._best([other, measured], tried) == 1
+        return self._best([other, runner], tried) == 1
 
     def _places(self, runner: Runner, tried: Sequence[Scenario]) -> Place:
         """Errors around every window."""
@@ -437,6 +452,12 @@ def few_scenarios(every: Sequence[Scenario]) -> tuple[Scenario, ...]:
     first = nominal[0]
     same_sides = [one for one in nominal if (one.flank, one.opposite) == (first.flank, first.opposite)]
     return tuple(dict.fromkeys([*same_sides, *(one for one in nominal if one.pickup == first.pickup)]))
+
+
+def _nearby(sizes: Array) -> Array:
+    """Return the largest of each entry and the two beside it."""
+    wide = np.pad(sizes, 1, mode="edge")
+    return np.asarray(np.maximum(np.maximum(wide[:-2], wide[2:]), sizes))
 
 
 def _looks(command: Command) -> int:

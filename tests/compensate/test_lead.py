@@ -19,11 +19,14 @@ from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.smooth_motion import rest_at_stops, smooth_motion
+from ph_post.compensate.violations import check_command
 from ph_post.drive.machinefile import read_machine
 from ph_post.files.path import read_path
+from ph_post.files.storage import or_shipped
 from ph_post.geometry.curves import Arc, Line
 from ph_post.geometry.nurbs import Nurbs
-from ph_post.types import Machine, Path, Phase, Plan
+from ph_post.geometry.ph import ph_hermite
+from ph_post.types import Crossing, Machine, Path, Phase, Plan
 
 PATHS = File(__file__).parents[2] / "paths"
 UM = 1e-6
@@ -302,3 +305,34 @@ def test_a_line_takes_little_more_than_the_least_time() -> None:
     assert led.lead == 1.0
     assert cycle_time(plain.phases) <= least * 1.05
     assert cycle_time(led.phases) <= 1.45 * least
+
+
+def zigzag(count: int, seed: int, size: float = 0.02) -> list:
+    """PH quintics to and fro through random places: no two reversals are alike, and some are near to each other."""
+    rng, x, points = np.random.default_rng(seed), 0.0, []
+    for k in range(count):
+        points.append([x + rng.uniform(-0.3, 0.3) * size, k % 2 * size * rng.uniform(0.4, 1.4)])
+        x += size * rng.uniform(0.1, 0.5)
+    along = np.gradient(np.array(points), axis=0)
+    return [ph_hermite(np.array(points[k : k + 2]), along[k : k + 2]) for k in range(count - 1)]
+
+
+def test_profiles_that_leave_no_room_for_the_lead_are_given_up() -> None:
+    """Beside them the speed cannot be smooth, however slowly it changes: the plan crept on to no end."""
+    analysis = look(make_path(zigzag(8, 1), feed=0.02), read_machine("mill"))
+    plan = make_plan(analysis, PlanOptions(strategy="dwell", inverse_dynamics=True, max_slowdown=1.0))
+    assert any("leaves no room beside it" in words for words in plan.warnings)
+    assert plan_time(plan) <= 2.0 * cycle_time(plan.nominal)
+    assert not check_command(command_of(plan, analysis.track, 1e-3), plan.machine)
+
+
+def test_what_breaks_a_limit_in_one_place_takes_the_lead_nowhere_else() -> None:
+    analysis = look(read_path(or_shipped("paths", "oval")), read_machine("mill"))
+    plan = make_plan(analysis, PlanOptions(strategy="none", inverse_dynamics=True))
+    middle = 0.5 * plan_time(plan)
+    wild = Crossing(axis="X", start=middle, duration=0.02, travel=3e-5, order=4)
+    one, other = (command_of(each, analysis.track, 1e-3) for each in (plan, replace(plan, crossings=(wild,))))
+    assert max(worst_use(one, plan.machine)) <= 1.0 < max(worst_use(other, plan.machine))
+    apart = np.abs(one.t - middle) > 1.0
+    np.testing.assert_array_equal(one.offset[apart], other.offset[apart])
+    assert np.abs(one.offset[apart]).max() > 1e-4

@@ -34,8 +34,11 @@ from ph_post.compensate.violations import check_command
 from ph_post.errors import PhPostError
 from ph_post.types import Machine, Plan
 
-SINGLES = ("takeup", "fly", "dwell", "suppress", "retrograde", "linear", "step")
+SINGLES = ("lead", "takeup", "fly", "dwell", "suppress", "retrograde", "linear", "step")
 BASELINES = ("linear", "step", "none")
+
+LEAD = "lead"
+"""The plain motion with inverse dynamics, where the job allows it."""
 
 SEED = 2024
 JOBS = 200
@@ -109,7 +112,8 @@ def sizes(plan: Plan, analysis: Analysis) -> NDArray[np.float64]:
 
 def planned(job: RandomJob, analysis: Analysis, strategy: str, effort: float = EFFORT) -> Plan:
     lead = job.options.inverse_dynamics and strategy not in BASELINES
-    return make_plan(analysis, replace(job.options, strategy=strategy, inverse_dynamics=lead, effort=effort))
+    name = "none" if strategy == LEAD else strategy
+    return make_plan(analysis, replace(job.options, strategy=name, inverse_dynamics=lead, effort=effort))
 
 
 def singles(
@@ -118,7 +122,8 @@ def singles(
     """Errors of every strategy that keeps time and limits, and is nowhere above the plain motion."""
     longest = (1.0 + job.options.max_slowdown) * plan_time(plain) + 2.0 * job.machine.servo_period
     for strategy in SINGLES:
-        if strategy == "retrograde" and not job.options.allow_retrograde:
+        allowed = {"retrograde": job.options.allow_retrograde, LEAD: job.options.inverse_dynamics}
+        if not allowed.get(strategy, True):
             continue
         try:
             plan = planned(job, analysis, strategy, effort)
