@@ -178,6 +178,8 @@ class Abilities(msgspec.Struct, frozen=True, kw_only=True):
         None where the controller reads a file.
     not_editable : str
         Why programs of that language cannot be edited, in words; empty where they can.
+    feed_along_all : bool
+        Whether F counts along all axes, degrees as mm, and not along X, Y and Z.
     """
 
     arc_planes: tuple[str, ...] = ("G17", "G18", "G19")
@@ -189,6 +191,7 @@ class Abilities(msgspec.Struct, frozen=True, kw_only=True):
     dwells: bool = True
     stream: StreamLimit | None = None
     not_editable: str = ""
+    feed_along_all: bool = False
 
     def writes_arcs(self, plane: str, *, inverse: bool = False) -> bool:
         """Return whether arcs can be written in a plane; `inverse` under G93."""

@@ -69,6 +69,7 @@ DIALECT = Dialect(
         # (mc_arc in its motion_control.c): only straight moves keep their time.
         inverse_time=frozenset(("line",)),
         stream=StreamLimit(rate=_STREAM_RATE, window=_PLANNER_BLOCKS),
+        feed_along_all=True,
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6, least_feed=PLANNER.least_feed / MM_PER_MIN),
     notices=Notices(arc_setting="$12"),

@@ -60,7 +60,9 @@ DIALECT = Dialect(
     name="grblhal",
     syntax=Syntax(opening=metric_opening, closing=("M2",), max_line=_MAX_LINE),
     abilities=Abilities(
-        cubic=CubicAbility(deviation=spline_deviation, pieces=_STEPS), inverse_time=frozenset(("line",))
+        cubic=CubicAbility(deviation=spline_deviation, pieces=_STEPS),
+        inverse_time=frozenset(("line",)),
+        feed_along_all=True,
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6, least_feed=PLANNER.least_feed / MM_PER_MIN),
     notices=Notices(

@@ -305,7 +305,8 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     that is made of it. `centred` lines give the centre of an arc as a place, whatever the mode of centres.
     `poles` are the centres (X, Y, Z) [units] that lines of their own set, None where not known or not set;
     `centre_users` by the line of what turns about one the line that sets it, and whether that is an arc that is
-    understood.
+    understood. `rests` [s] are times for which X, Y and Z rest on lines that move other axes, where a model of the
+    controller has worked them out.
     """
 
     name: str
@@ -323,6 +324,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     centred: PlaceArray = _NOWHERE
     poles: Mapping[int, tuple[float | None, ...]] = {}
     centre_users: Mapping[int, tuple[int, bool]] = {}
+    rests: Mapping[int, float] = {}
 
     @property
     def blocks(self) -> int:

@@ -22,6 +22,7 @@ from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, PartProgra
 from ph_post.simulate.controllers.chords import StraightBlocks, straight_blocks
 from ph_post.simulate.controllers.durations import check_duration, refuse_run
 from ph_post.simulate.controllers.exact_path import exact_rows, steps_of
+from ph_post.simulate.controllers.further_times import with_further_times
 from ph_post.simulate.controllers.legs import (
     ACROSS,
     DRAINS,
@@ -345,6 +346,7 @@ def _put_stops(legs: Legs, program: PartProgram) -> None:
         _drain(legs, np.searchsorted(block, words.block[rows], side=side))  # type: ignore[call-overload]
     _drain(legs, np.array([one.motion for one in program.breaks], dtype=np.int64))
     lines, seconds = program.dwells()
+    lines, seconds = np.append(lines, [*program.rests]), np.append(seconds, [*program.rests.values()])
     at = np.searchsorted(block, lines, side="left")
     _drain(legs, at)
     inside = at < legs.pause.size
@@ -413,6 +415,7 @@ def run_program(
     """
     limits, period = limit_table(machine), machine.servo_period
     planner = planner_of(machine) if planner is None else planner
+    program = with_further_times(program, machine)
     if isinstance(planner, ExactPath):
         blocks = _blocks(program, limits, planner, period)
         meet_turns = meet_turns and not any(response_time(axis.servo) for axis in machine.axes.values())
@@ -435,6 +438,7 @@ def check_run(program: PartProgram, machine: Machine) -> None:
         By the lengths of its moves at the speeds asked for, and its dwells.
     """
     limits, planner = limit_table(machine), planner_of(machine)
+    program = with_further_times(program, machine)
     if isinstance(planner, ExactPath):
         _blocks(program, limits, planner, machine.servo_period)
     else:
