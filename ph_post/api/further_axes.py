@@ -99,20 +99,20 @@ def shifted_job(
             expected="the original, or --force to begin again from it, or --undo",
         )
     if plain is not program and not request.force and kept is None:
-        return ShiftedJob(job=job)
+        return ShiftedJob(job=program)
     plans, said = plan_further(base, machine, dialect, request.edit)
     if same and not request.force:
-        return ShiftedJob(job=job, plans=tuple(plans), warnings=tuple(said), done=True)
+        return ShiftedJob(job=program, plans=tuple(plans), warnings=tuple(said), done=True)
     data = write_further(base, plans, dialect, wanted)
+    if data == base.data:
+        return ShiftedJob(job=base, plans=tuple(plans), warnings=tuple(said))
     after = reread(base, data)
-    verdict = verify_shifted(base, after, machine) if data != base.data else None
-    if verdict is not None and not verdict.ok:
+    verdict = verify_shifted(base, after, machine)
+    if not verdict.ok:
         names = ", ".join(plan.axis.name for plan in plans)
-        why = (
-            f"axes {names} not compensated: their program does not pass its own check: {verdict.failures[0].sentence()}"
-        )
-        return ShiftedJob(job=base, warnings=(*said, why))
-    return ShiftedJob(job=after, plans=tuple(plans), warnings=tuple(said), changed=data != base.data)
+        why = f"the program does not pass its own check: {verdict.failures[0].sentence()}"
+        return ShiftedJob(job=base, warnings=(*said, f"axes {names} not compensated: {why}"))
+    return ShiftedJob(job=after, plans=tuple(plans), warnings=tuple(said), changed=True)
 
 
 def _hashes(program: PartProgram) -> tuple[str, ...]:
