@@ -53,7 +53,7 @@ def expanded_job(
     parameters = None if options.parameters is None else read_parameters(options.parameters)
     tools = None if options.tool_table is None else read_tools(options.tool_table)
     base = dialect.split("+", maxsplit=1)[0]
-    if base not in (*_SPOKEN, "fanuc"):
+    if base not in (*_SPOKEN, "fanuc", "siemens"):
         return job, (f"{job.name}: not written out: programs of {dialect} are taken as they are",)
     folders = Folders(_folders(job.name, options.subprograms))
     try:
@@ -70,6 +70,7 @@ def expanded_job(
             job.name,
             folders,
             fanuc=fanuc,
+            sinumerik=base == "siemens",
             parameters=parameters,
             tools=tools,
             inches=inches,
@@ -167,6 +168,7 @@ def _again(original: PartProgram, kept: Written) -> bytes:
         original.name,
         folders,
         fanuc=kept.fanuc,
+        sinumerik=kept.sinumerik,
         parameters=kept.parameters,
         tools=kept.tools,
         inches=kept.inches,

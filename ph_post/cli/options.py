@@ -408,7 +408,8 @@ _EXPANDING = (
         "--expand",
         is_flag=True,
         help="Write a program out first: parameters, loops, subprograms, cycles and cutter compensation become plain "
-        "motions. For LinuxCNC; subprograms, macros, cycles and turned coordinates also for Fanuc.",
+        "motions. For LinuxCNC; subprograms, macros, cycles and turned coordinates also for Fanuc; R "
+        "parameters, repeats, loops and jumps for Siemens.",
     ),
     click.option(
         "--subprograms",

@@ -15,9 +15,10 @@ from ph_post.expand.faults import ExpandError
 from ph_post.expand.lines import Source
 from ph_post.expand.macro import FanucNumbers
 from ph_post.expand.run import ProgramRunner
+from ph_post.expand.sinumerik import SinumerikRunner
 from ph_post.expand.tools import ToolShape
 from ph_post.expand.writing import DECIMALS, EXPANDED, Written, head_line
-from ph_post.gcode.numbers import Comments
+from ph_post.gcode.numbers import SEMICOLON, Comments
 
 _NEEDED: Final = re.compile(
     rb"#|\[|^[ \t]*/?[ \t]*(?:N[ \t\d.]*)?O[ \t]*[<\d]|"
@@ -30,12 +31,20 @@ _MACRO: Final = re.compile(
     rb"#|\[|M[ \t]*0*98(?!\d)|G[ \t]*(?:0*65|68|51(?:\.1)?|7[346]|8[1-9])(?![\d.])|GOTO", re.IGNORECASE
 )
 
+_STRUCTURED: Final = re.compile(
+    rb"\bR\d+\s*=|=\s*\S*\bR\d+\b|\b(?:REPEATB?|GOTO[FBC]?|FOR|WHILE|LOOP|IF)\b", re.IGNORECASE
+)
+"""What a program of Siemens that computes has somewhere."""
+
+_TOP: Final = re.compile(r"\s*(?:%|;\$PATH=|[Oo:]\s*\d+\s*(?:\(.*)?$)")
+"""Lines that have to stand first."""
+
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 
 _MOST_STANDING: Final = 20
 """Stretches of one program that are tried in vain."""
 
-_R = TypeVar("_R", ProgramRunner, FanucRunner)
+_R = TypeVar("_R", ProgramRunner, FanucRunner, SinumerikRunner)
 
 _FANUC_FILES: Final = ("", ".nc", ".NC", ".cnc", ".CNC", ".txt", ".TXT", ".tap", ".ngc")
 
@@ -45,11 +54,6 @@ class Expansion(msgspec.Struct, frozen=True, kw_only=True):
 
     data: bytes
     notes: tuple[str, ...] = ()
-
-
-def computes(data: bytes, *, fanuc: bool = False) -> bool:
-    """Return whether a program may hold something that has to be written out."""
-    return (_MACRO if fanuc else _NEEDED).search(_COMMENT.sub(b"", data)) is not None
 
 
 class Folders:
@@ -99,6 +103,7 @@ def expand(
     folders: Folders | None = None,
     *,
     fanuc: FanucNumbers | None = None,
+    sinumerik: bool = False,
     parameters: Mapping[int, float] | None = None,
     tools: Mapping[int, ToolShape] | None = None,
     inches: bool = False,
@@ -115,6 +120,8 @@ def expand(
     fanuc : FanucNumbers, optional
         How a control of Fanuc counts: M98 and M99, G65, the statements of custom macro B, cycles and turned coordinates
         are written out, and what stands behind the end of the main program stays. Without it: LinuxCNC's language.
+    sinumerik : bool
+        Whether the language is that of Siemens: R parameters, repeats, loops, choices and jumps are written out.
     parameters : mapping of int to float, optional
         The controller's own file of parameters, for LinuxCNC.
     tools : mapping of int to ToolShape, optional
@@ -141,10 +148,15 @@ def expand(
     >>> found.data.split(b"\n")[2:7]
     [b'G21', b'G91 G1 X2.5', b'G91 G1 X5.', b'M30', b'O2']
     """
-    if EXPANDED.first(data) >= 0 or not computes(data, fanuc=fanuc is not None):
+    pattern = _STRUCTURED if sinumerik else _NEEDED if fanuc is None else _MACRO
+    if EXPANDED.first(data) >= 0 or pattern.search(_COMMENT.sub(b"", data)) is None:
         return Expansion(data=data)
     folders, source = folders or Folders(), Source(name, data.decode("latin-1"))
-    if fanuc is not None:
+    notes: list[str] = []
+    if sinumerik:
+        siemens, lines = _run(lambda _: SinumerikRunner(source))
+        changed = siemens.changed
+    elif fanuc is not None:
         folders.endings = _FANUC_FILES
         macro, lines = _run(lambda standing: FanucRunner(source, folders.find, fanuc, standing))
         notes, changed = [*macro.blocks.notes], macro.blocks.changed
@@ -166,6 +178,7 @@ def expand(
         original=data,
         digest="",
         fanuc=fanuc,
+        sinumerik=sinumerik,
         files=folders.read,
         parameters=kept,
         tools=dict(tools or {}),
@@ -193,13 +206,13 @@ def _joined(data: bytes, lines: list[str], written: Written) -> bytes:
     """Put lines together, with the comments that keep the original."""
     end = b"\r\n" if b"\r\n" in data else b"\n"
     at = 0
-    while at < len(lines) and (not lines[at].strip() or re.match(r"\s*(?:%|[Oo:]\s*\d+\s*(?:\(.*)?$)", lines[at])):
+    while at < len(lines) and (not lines[at].strip() or _TOP.match(lines[at])):
         at += 1
-    upper = written.fanuc is not None  # a control of Fanuc shows no small letters
-    head = head_line(hashlib.sha256(data).hexdigest(), upper=upper)
+    style = SEMICOLON if written.sinumerik else Comments(upper=written.fanuc is not None)
+    head = head_line(hashlib.sha256(data).hexdigest(), style)
     text = b"".join(line.encode("latin-1") + end for line in [*lines[:at], head, *lines[at:]])
     digest = hashlib.sha256(text).hexdigest()
-    return EXPANDED.add(text, msgspec.structs.replace(written, digest=digest), end, Comments(upper=upper))
+    return EXPANDED.add(text, msgspec.structs.replace(written, digest=digest), end, style)
 
 
-__all__ = ["ExpandError", "Expansion", "Folders", "computes", "expand"]
+__all__ = ["ExpandError", "Expansion", "Folders", "expand"]

@@ -40,15 +40,15 @@ def number_text(value: float, decimals: int) -> str:
 class Written(msgspec.Struct, frozen=True, kw_only=True):
     """What the comments of a program that was changed keep of it.
 
-    `original` program; `digest` of the text before the comments; `fanuc`, how its control counts, and
+    `original` program; `digest` of the text before the comments; `fanuc`, how its control counts, or `sinumerik`;
     `files`, the subprograms that it called by name, so that it can be written out again; `parameters` of the
-    controller, None where none were given;
-    `tools` that were known; `inches` says that both count in them.
+    controller, None where none were given; `tools` that were known; `inches` says that both count in them.
     """
 
     original: bytes
     digest: str
     fanuc: FanucNumbers | None = None
+    sinumerik: bool = False
     files: dict[str, bytes] = {}
     parameters: dict[int, float] | None = None
     tools: dict[int, ToolShape] = {}
@@ -113,7 +113,7 @@ EXPANDED: Final = OriginalComments(mark="ph-post-expand: ", change="written out"
 SHIFTED: Final = OriginalComments(mark="ph-post-axes: ", change="compensated")
 
 
-def head_line(digest: str, *, upper: bool = False) -> str:
+def head_line(digest: str, style: Comments = PARENTHESES) -> str:
     """Return the comment that says what a program was written out from."""
     text = f"{EXPANDED.mark}{package_version()} wrote this program out, original sha256 {digest}"
-    return f"({text.upper() if upper else text})"
+    return style.line(text.upper() if style.upper else text)

@@ -131,3 +131,17 @@ def test_cycles_and_turned_coordinates_of_fanuc(file, tmp_path):
     plain = ph.compensate(file, "stepper", **how)
     assert "part.ngc:5: cycle stays as it is: G83 depends on the control's settings" in plain.warnings[0]
     assert b"G83 X10." in plain.program()
+
+
+def test_repeats_and_parameters_of_siemens(file, tmp_path):
+    source = tmp_path / "part.mpf"
+    source.write_text("G71 G90 G17\nR1=20\nG0 X0 Y0\nROW: G1 X=R1 F600\nY=IC(2)\nX0\nR1=R1+1\nREPEAT ROW P=2\nM30\n")
+    how = {"dialect": "siemens", "max_slowdown": 1.0}
+    plain = ph.compensate(source, "stepper", **how)
+    result = ph.compensate(source, "stepper", expand=True, **how)
+    assert result.reversals.compensated == result.reversals.all > plain.reversals.compensated
+    out = tmp_path / "out.mpf"
+    result.write(out)
+    assert ph.undo(out) == source.read_bytes()
+    assert ph.verify(source, out).ok
+    assert ph.compensate(out, "stepper", expand=True, **how).program() == out.read_bytes()

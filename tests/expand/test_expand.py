@@ -7,7 +7,7 @@ import pytest
 from ph_post.api.expansion import before_expansion, written_out
 from ph_post.dialects.reading import read_as
 from ph_post.errors import InputError
-from ph_post.expand.expand import ExpandError, Folders, computes, expand
+from ph_post.expand.expand import ExpandError, Folders, expand
 from ph_post.expand.writing import EXPANDED
 
 HEAD = "G21 G90 G17 G98 G64 P0.01\nG0 X0 Y0 Z5\n"
@@ -93,9 +93,9 @@ def test_plain_lines_stay_as_they_are():
 
 
 def test_a_program_that_computes_nothing_is_itself():
-    for text in (b"G21 G90\r\nG1 X1 F100\r\nM2", b"(#1 = [2])\nG0 X1 ; O100 call\nM2\n", b"%\nG0 G81.1\nM730\n%\n"):
+    plain = [b"(o1 call [5])\nG1 X1\n", b"G21 G90\r\nG1 X1 F100\r\nM2", b"%\nG0 G81.1\nM730\n%\n"]
+    for text in (*plain, b"(#1 = [2])\nG0 X1 ; O100 call\nM2\n"):
         assert expand(text, "a.ngc").data == text
-    assert not computes(b"(o1 call [5])\nG1 X1\n")
 
 
 def test_a_percent_sign_and_line_ends_stay():

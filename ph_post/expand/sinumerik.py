@@ -1,0 +1,410 @@
+"""Run a SINUMERIK program, and write out what it does: R parameters, repeats, loops, choices and jumps.
+
+SINUMERIK 840D sl / 828D, Programming Manual, Job Planning, 07/2010, 6FC5398-2BP40-2BA0: arithmetic parameters,
+operations and their order, check structures, program jumps, program part repetition.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from functools import partial
+from typing import ClassVar, Final
+
+import msgspec
+
+from ph_post.expand.expressions import Functions, Levels, Parser
+from ph_post.expand.faults import ExpandError, NotExpandableError
+from ph_post.expand.lines import Source
+from ph_post.expand.macro import MacroParser
+from ph_post.expand.progress import Progress
+from ph_post.expand.values import UNKNOWN, Store
+from ph_post.expand.writing import DECIMALS, number_text
+
+_HIDDEN: Final = re.compile(r';.*|"[^"]*"')
+_LEAD: Final = re.compile(r"\s*(/\d?)?\s*(?:([N:]\d+)\s*)?(?:([A-Z_]\w+)\s*:(?!=))?\s*", re.IGNORECASE)
+_JUMP: Final = re.compile(r"(?:IF\b(.*?))?\bGOTO([BFC]?)\s+([A-Z_]\w*|N\d+)\s*$", re.IGNORECASE)
+_REPEAT: Final = re.compile(
+    r"REPEAT(B?)\s+([A-Z_]\w*)(?:\s+([A-Z_]\w*)(?!\w|\s*=))?(?:\s*P\s*=?\s*(.+))?$", re.IGNORECASE
+)
+_BLOCK: Final = re.compile(r"(IF|ELSE|ENDIF|WHILE|ENDWHILE|FOR|ENDFOR|LOOP|ENDLOOP|REPEAT|UNTIL)\b(.*)$", re.IGNORECASE)
+_FOR: Final = re.compile(r"\s*R(\d+)\s*=(.*)\bTO\b(.*)$", re.IGNORECASE)
+_SETTING: Final = re.compile(r"R(\d+)\s*=\s*(.*?)\s*(?=R\d+\s*=|$)", re.IGNORECASE)
+_SETTINGS: Final = re.compile(r"(?:R\d+\s*=[^=]*)+$", re.IGNORECASE)
+_ODD_SETTING: Final = re.compile(r"\bR(\d+)\s*=", re.IGNORECASE)
+_ODD_FLOW: Final = re.compile(r"\b(?:GOTO\w*|CASE|SETINT)\b|\bREPEATB?\b", re.IGNORECASE)
+_END: Final = re.compile(r"\bM0*(?:2|17|30)\b(?!\s*=)|^RET\b", re.IGNORECASE)
+_CALL: Final = re.compile(
+    r"\b(?:P?CALL|EXTCALL|ISOCALL)\b|^L\d+\b|^(?!MSG|CYCLE\d|POCKET\d|SLOT\d|HOLES\d)[A-Z_]{3,}\w*\s*(?:\(|$|P\s*=?\d)",
+    re.IGNORECASE,
+)
+_STILL: Final = re.compile(
+    r"^(?:SOFT|BRISK|DRIVE|COMP\w+|FFWO[NF]|STOPRE|A?TRANS|A?ROT|A?SCALE|A?MIRROR|SUPA|DIAM\w+|CUT2D\w*|CF\w+|NORM|KONT|"
+    r"MCALL|UPATH|SPATH|FIFOCTRL|ORI\w+)\b",
+    re.IGNORECASE,
+)
+"""Words that stand alone, and are no subprograms."""
+_WORD: Final = re.compile(r"(?<![\w$])([A-QS-Z][A-Z]{0,4}\d?)\s*=\s*", re.IGNORECASE)
+_BLANKS: Final = re.compile(r"\s+")
+_SIGN_AHEAD: Final = re.compile(r"[-+*/<>=()]|(?:MOD|DIV|AND|OR|XOR|NOT)\b|B_", re.IGNORECASE)
+_SIGN_BEHIND: Final = re.compile(r"(?:[-+*/<>=(]|\b(?:MOD|DIV|AND|OR|XOR|NOT))$", re.IGNORECASE)
+_WAYS: Final = re.compile(r"(AC|IC|DC|ACP|ACN)\s*\((.*)\)$", re.IGNORECASE)
+_ENDS: Final = {"ENDIF": "IF", "ENDWHILE": "WHILE", "ENDFOR": "FOR", "ENDLOOP": "LOOP", "UNTIL": "REPEAT"}
+_COMPARED: Final = {"==": "eq", "<>": "ne", ">=": "ge", "<=": "le", ">": "gt", "<": "lt", "(": "[", ")": "]"}
+_TOKEN: Final = re.compile(r"==|<>|>=|<=|>|<|\(|\)|\bR(\d+)\b|\s+", re.IGNORECASE)
+
+
+class SinumerikStore(Store):
+    """R parameters; what the program did not set is NaN."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda _: None, lambda _: UNKNOWN)
+
+    def number(self, index: float) -> float:
+        """Return an R parameter."""
+        found = self.numbers.get(round(index), UNKNOWN) if not math.isnan(index) else UNKNOWN
+        if math.isnan(found):
+            self.doubt = f"R{index:g}"
+        return found
+
+    def put(self, key: int | str, value: float) -> None:
+        """Give an R parameter a value."""
+        assert isinstance(key, int)
+        had, self.numbers[key] = self.numbers.get(key), value
+        self.version += had != value
+
+
+def _divided(left: float, right: float) -> float:
+    if right == 0.0:
+        raise ExpandError("division by zero")
+    return float(math.trunc(left / right)) if not math.isnan(left + right) else math.nan
+
+
+class SinumerikParser(Parser):
+    """Reads expressions that were put in brackets and signs of the other languages."""
+
+    levels: ClassVar[Levels] = (
+        MacroParser.levels[0],
+        *({name: Parser.levels[0][name]} for name in ("or", "xor", "and")),
+        Parser.levels[2],
+        {**Parser.levels[3], "div": _divided},
+    )
+    functions: ClassVar[Functions] = {
+        **{name: Parser.functions[name] for name in ("sin", "cos", "tan", "asin", "acos", "sqrt", "abs", "exp", "ln")},
+        "round": Parser.functions["round"],
+        "trunc": lambda x: float(math.trunc(x)),
+        "pot": lambda x: x * x,
+    }
+
+
+class SinumerikLine(msgspec.Struct, frozen=True, kw_only=True):
+    """A line: its text, what stands of it behind slash, number and label, and what it does.
+
+    `order` is "", "set", "jump", "repeat" or the word of a check structure; `match` what its pattern found.
+    """
+
+    text: str
+    rest: str
+    begin: int
+    slash: bool
+    number: str
+    label: str
+    order: str = ""
+    match: re.Match[str] | None = None
+
+
+def read_sinumerik_line(text: str) -> SinumerikLine:
+    """Read a line."""
+    bare = _HIDDEN.sub(lambda found: " " * len(found[0]), text).rstrip()
+    lead = _LEAD.match(bare)
+    assert lead is not None
+    rest = bare[lead.end() :]
+    order, match = "", None
+    for name, pattern in (("jump", _JUMP), ("repeat", _REPEAT), ("block", _BLOCK), ("set", _SETTINGS)):
+        match = pattern.match(rest)
+        if match is not None:
+            order = match[1].upper() if name == "block" else name
+            break
+    if not order and _ODD_FLOW.search(rest):
+        order = "odd"
+    return SinumerikLine(
+        text=text,
+        rest=rest,
+        begin=lead.end(),
+        slash=lead[1] is not None,
+        number=(lead[2] or "").upper(),
+        label=(lead[3] or "").upper(),
+        order=order,
+        match=match,
+    )
+
+
+def _end_of_value(text: str, at: int) -> int:
+    """Return the place behind an expression, which has blanks in brackets and about its signs."""
+    depth = 0
+    while at < len(text):
+        gap = _BLANKS.match(text, at)
+        if gap is not None and not depth and not (_SIGN_AHEAD.match(text, gap.end()) or _SIGN_BEHIND.search(text[:at])):
+            break
+        at = at if gap is None else gap.end()
+        if at < len(text):
+            depth += (text[at] == "(") - (text[at] == ")")
+            at += 1
+    return at
+
+
+class RepeatedPart(msgspec.Struct, kw_only=True):
+    """A part that runs again: its first line and the one behind its last, how often yet, and where it goes on."""
+
+    first: int
+    last: int
+    left: int
+    back: int
+
+
+class SinumerikRunner:
+    """Runs a program.
+
+    Parameters
+    ----------
+    source : Source
+        The main program; what stands behind its end stays.
+    """
+
+    begun: ClassVar[None] = None
+
+    def __init__(self, source: Source) -> None:
+        self.store = SinumerikStore()
+        self.lines: list[str] = []
+        self.changed = False
+        self._source = source
+        self._at, self._first = 0, 0
+        self._read = [read_sinumerik_line(text) for text in source.texts]
+        names = [k for k, line in enumerate(self._read) if line.rest.startswith("%")]
+        self._last = names[1] if len(names) > 1 else len(self._read)
+        self._parts: list[RepeatedPart] = []
+        self._seen: set[int] = set()
+        self._heads: dict[int, int] = {}
+        self._pairs = self._structures()
+
+    def _structures(self) -> dict[int, int]:
+        """Return the other line of each check structure: of IF its ELSE or ENDIF, of ELSE its ENDIF."""
+        pairs: dict[int, int] = {}
+        opened: list[int] = []
+        for index in range(self._last):
+            order = self._read[index].order
+            if order in _ENDS.values():
+                opened.append(index)
+            elif order in _ENDS or order == "ELSE":
+                begin = opened.pop() if opened else -1
+                had = self._read[begin].order if begin >= 0 else ""
+                if had != _ENDS.get(order, "IF") and not (had == "ELSE" and order == "ENDIF"):
+                    raise ExpandError(f"{order} without its beginning").at(self._source.name, index + 1)
+                pairs[begin], pairs[index] = index, begin
+                if order == "ELSE":
+                    opened.append(index)
+        if opened:
+            order = self._read[opened[-1]].order
+            raise ExpandError(f"{order} without its end").at(self._source.name, opened[-1] + 1)
+        return pairs
+
+    def run(self) -> list[str]:
+        """Return the lines that the program comes to.
+
+        Raises
+        ------
+        ExpandError
+            Where it cannot be written out, with its file and line.
+        """
+        progress = Progress()
+        while self._at < self._last:
+            if progress.step(partial(self._step, self._at), self._source.name, self._at + 1, len(self.lines)):
+                break
+        return self.lines + self._source.texts[self._at :]
+
+    def _step(self, index: int) -> bool:
+        line = self._read[index]
+        self._at = index + 1
+        if line.order and line.slash:
+            raise NotExpandableError("a line with a slash runs or not as the control's switch says")
+        if line.order == "odd":
+            raise NotExpandableError(f"a part of the program's flow that is not followed: {line.rest.strip()[:40]}")
+        ends = False
+        if line.order == "set":
+            self._set(line)
+            self._write(index)
+        elif line.order:
+            self.changed = True
+            self._obey(index, line)
+        else:
+            ends = _END.search(line.rest) is not None
+            self._write(index)
+            self._forget(line.rest)
+        while self._parts and self._at == self._parts[-1].last:
+            part = self._parts[-1]
+            part.left -= 1
+            self._at = part.first if part.left > 0 else part.back
+            if part.left <= 0:
+                self._parts.pop()
+        return ends
+
+    def _forget(self, rest: str) -> None:
+        """Know no longer what another program, or a line that is not read here, may have set."""
+        if _CALL.search(rest) and not _STILL.match(rest):
+            self.store.numbers.clear()
+        for found in _ODD_SETTING.finditer(rest):
+            self.store.numbers.pop(int(found[1]), None)
+
+    # ------------------------------------------------------------------ values
+
+    def _value(self, text: str) -> float:
+        """Return the value of an expression, NaN where it has what is not known here."""
+        texts = _TOKEN.sub(lambda found: f"#{found[1]}" if found[1] else _COMPARED.get(found[0], ""), text).lower()
+        parser = SinumerikParser(f"[{texts}]")
+        try:
+            value = parser.expression()
+        except ExpandError:
+            self.store.doubt = text.strip()[:40]
+            return UNKNOWN
+        return value(self.store) if parser.at == len(parser.text) else UNKNOWN
+
+    def _set(self, line: SinumerikLine) -> None:
+        found = [(int(one[1]), self._value(one[2])) for one in _SETTING.finditer(line.rest)]
+        for key, value in found:
+            self.store.put(key, value)
+
+    def _write(self, index: int) -> None:
+        """Write a line with the values of its words; one that runs again without its number and label."""
+        line = self._read[index]
+        text = line.text
+        changed = self._with_values(line)
+        if index in self._seen or changed != text[line.begin :]:
+            lead = "/" if line.slash and index in self._seen else "" if index in self._seen else text[: line.begin]
+            text = lead + changed
+            self.changed = True
+        self._seen.add(index)
+        if text.strip() or not line.text.strip():
+            self.lines.append(text)
+
+    def _with_values(self, line: SinumerikLine) -> str:
+        text, rest = line.text[line.begin :], line.rest
+        if line.order == "set":
+            return text if "R" not in rest.upper().replace("R", "", 1) else self._with_settings(line)
+        if "R" not in rest.upper() or "=" not in rest:
+            return text
+        parts, at = [], 0
+        for found in _WORD.finditer(rest):
+            end = _end_of_value(rest, found.end())
+            chunk = rest[found.end() : end]
+            value = self._word_text(chunk)
+            if found.start() < at or value is None:
+                continue
+            parts += [text[at : found.end()], value]
+            at = end
+        return "".join([*parts, text[at:]])
+
+    def _with_settings(self, line: SinumerikLine) -> str:
+        found = []
+        for one in _SETTING.finditer(line.rest):
+            value = self.store.numbers.get(int(one[1]), UNKNOWN)
+            found.append(one[0].strip() if math.isnan(value) else f"R{one[1]}={number_text(value, DECIMALS)}")
+        return " ".join(found) + line.text[line.begin + len(line.rest) :]
+
+    def _word_text(self, chunk: str) -> str | None:
+        way = _WAYS.match(chunk)
+        inner = way[2] if way else chunk
+        if not re.search(r"\bR\d+\b", inner, re.IGNORECASE):
+            return None
+        value = self._value(inner)
+        if math.isnan(value):
+            return None
+        return f"{way[1].upper()}({number_text(value, DECIMALS)})" if way else number_text(value, DECIMALS)
+
+    # ------------------------------------------------------------------ flow
+
+    def _obey(self, index: int, line: SinumerikLine) -> None:
+        match = line.match
+        assert match is not None
+        orders: dict[str, Callable[[], None]] = {
+            "jump": partial(self._jump, index, match),
+            "repeat": partial(self._repeat, index, match),
+            "FOR": partial(self._for, index, match),
+        }
+        if line.order in orders:
+            orders[line.order]()
+            return
+        pair = self._pairs.get(index, index)
+        if line.order == "IF":
+            if not self.store.holds(self._value(match[2])):
+                self._at = pair + 1
+        elif line.order == "WHILE":
+            if not self._again(index, holds=self.store.holds(self._value(match[2]))):
+                self._at = pair + 1
+        elif line.order == "ELSE":
+            self._at = pair + 1
+        elif line.order == "ENDWHILE" or (line.order == "ENDLOOP" and self._again(index, holds=True)):
+            self._at = pair
+        elif line.order == "ENDFOR":
+            begins = self._read[pair].match
+            found = None if begins is None else _FOR.match(begins[2])
+            assert found is not None
+            self._count(int(found[1]), self.store.number(int(found[1])) + 1.0, found[3], pair)
+        elif line.order == "UNTIL" and self._again(index, holds=not self.store.holds(self._value(match[2]))):
+            self._at = pair + 1
+
+    def _again(self, index: int, *, holds: bool) -> bool:
+        """Return whether a loop goes on; refuse one that comes back with nothing changed."""
+        if not holds:
+            self._heads.pop(index, None)
+            return False
+        if self._heads.get(index) == self.store.version:
+            raise ExpandError("the loop never ends: nothing changes from one turn to the next")
+        self._heads[index] = self.store.version
+        return True
+
+    def _for(self, index: int, match: re.Match[str]) -> None:
+        found = _FOR.match(match[2])
+        if found is None:
+            raise NotExpandableError("FOR that does not count an R parameter")
+        self._count(int(found[1]), self._value(found[2]), found[3], index)
+
+    def _count(self, key: int, value: float, end: str, begin: int) -> None:
+        self.store.put(key, value)
+        last = self.store.require(self._value(end), "the end of FOR")
+        self.lines.append(f"R{key}={number_text(self.store.require(value, 'FOR'), DECIMALS)}")
+        self._at = begin + 1 if value <= last else self._pairs[begin] + 1
+
+    def _jump(self, index: int, match: re.Match[str]) -> None:
+        if match[1] is not None and not self.store.holds(self._value(match[1])):
+            return
+        if self._parts:
+            raise NotExpandableError("a jump in a part that is repeated")
+        self._at = self._find(match[3].upper(), index, match[2].upper())
+        if self._at <= index:
+            self._again(index, holds=True)
+
+    def _find(self, target: str, index: int, way: str) -> int:
+        """Return the line of a label or number: forwards, backwards, or first one and then the other."""
+        ahead, back = range(index + 1, self._last), range(index - 1, -1, -1)
+        order = ahead if way == "F" else back if way == "B" else [*ahead, *back]
+        found = next((k for k in order if target in (self._read[k].label, self._read[k].number)), None)
+        if found is None:
+            raise ExpandError("the target of the jump or repeat is not there", got=target)
+        return found
+
+    def _repeat(self, index: int, match: re.Match[str]) -> None:
+        times = 1 if match[4] is None else round(self.store.require(self._value(match[4]), "P"))
+        first = self._find(match[2].upper(), index, "")
+        if match[1]:
+            last = first + 1
+        elif match[3] is not None:
+            last = self._find(match[3].upper(), index, "") + 1
+        else:
+            ends = [k for k in range(first, self._last) if self._read[k].label == "ENDLABEL"]
+            last = ends[0] + 1 if ends and (ends[0] < index or first > index) else index
+        if last <= first or first <= index < last:
+            raise NotExpandableError("a repeat of a part that is not whole, or holds itself")
+        if times > 0:
+            self._parts.append(RepeatedPart(first=first, last=last, left=times, back=index + 1))
+            self._at = first

@@ -1,0 +1,170 @@
+"""Siemens programs that are written out, beside the same ones in Python's own loops and choices."""
+
+import math
+import random
+import re
+
+import pytest
+
+from ph_post.api.expansion import before_expansion
+from ph_post.expand.expand import ExpandError, expand
+
+
+def lines_of(text):
+    data = expand(text.encode(), "a.mpf", sinumerik=True).data
+    return [line for line in data.decode().splitlines() if not line.startswith("; ph-post-expand")]
+
+
+def test_lines_keep_their_characters_but_for_values_and_flow():
+    text = """%_N_PART_MPF
+;$PATH=/_N_WKS_DIR
+N10 G71 G90 G17
+N20 R1=5 R2=3 ; the part
+ROW: G91 G1 X=R1 F=100*R2
+Y=IC(R2/2) ; up
+REPEAT ROW P=2
+N50 FOR R3=1 TO 2
+/X=R3*2+SIN(30)
+ENDFOR
+IF R1>4
+X1
+ELSE
+X2
+ENDIF
+WHILE (R2>1) AND (R1==5)
+Y=R2
+R2=R2-1
+ENDWHILE
+REPEATB ROW
+N90 R1=R1-1
+IF R1>=4 GOTOB N90
+GOTOF DONE
+X99
+DONE: Z=R1*2
+MSG("R1=R2") CR=R1 CYCLE81(R1,2)
+X=R9
+M30
+after R1
+"""
+    assert lines_of(text) == [
+        *("%_N_PART_MPF", ";$PATH=/_N_WKS_DIR", "N10 G71 G90 G17", "N20 R1=5 R2=3 ; the part"),
+        *("ROW: G91 G1 X=5 F=300", "Y=IC(1.5) ; up", *["G91 G1 X=5 F=300", "Y=IC(1.5) ; up"] * 2),
+        *("R3=1", "/X=2.5", "R3=2", "/X=4.5", "R3=3", "X1", "Y=3", "R2=2", "Y=2", "R2=1", "G91 G1 X=5 F=100"),
+        *("N90 R1=4", "R1=3", "DONE: Z=6", 'MSG("R1=R2") CR=3 CYCLE81(R1,2)', "X=R9", "M30", "after R1"),
+    ]
+    data = expand(text.encode(), "a.mpf", sinumerik=True).data
+    assert data.startswith(b"%_N_PART_MPF\n;$PATH=/_N_WKS_DIR\n; ph-post-expand: ")
+    assert before_expansion(data, "a.mpf") == text.encode()
+    assert expand(data, "a.mpf", sinumerik=True).data == data
+
+
+def test_a_program_that_computes_nothing_is_itself():
+    for text in (b"G90 G1 X5 F100\nM30\n", b"ROW: X1 ; REPEAT\nM30\n", b"R1=5\nG1 X5 Y=2\nM30\n"):
+        assert expand(text, "a.mpf", sinumerik=True).data == text
+
+
+class Writer:
+    """Writes a random program, and runs it at the same time in Python."""
+
+    def __init__(self, seed):
+        self.rng = random.Random(seed)
+        self.text, self.ran, self.r = [], [], {1: 2.0, 2: 3.5}
+        self.labels = 0
+
+    def value(self):
+        a, b = self.rng.choice([1, 2]), self.rng.randint(1, 9)
+        return self.rng.choice(
+            [
+                (f"R{a}*{b}", lambda: self.r[a] * b),
+                (f"({b}-R{a})/4+R1", lambda: (b - self.r[a]) / 4 + self.r[1]),
+                (f"-R{a}+SQRT({b})*COS(60)", lambda: -self.r[a] + math.sqrt(b) * 0.5),
+                (f"POT(R{a})-{b} MOD 4", lambda: self.r[a] ** 2 - b % 4),
+            ]
+        )
+
+    def part(self, depth, runs):
+        """Write a part; `runs` are the times that it runs, one function after the other."""
+        steps = []
+        for _ in range(self.rng.randint(1, 3)):
+            kind = self.rng.random() if depth else 0.0
+            if kind < 0.5:
+                text, value = self.value()
+                self.text.append(f"G1 X={text} Y=IC({text})")
+                steps.append(lambda value=value: self.ran.append((value(), value())))
+            elif kind < 0.6:
+                key, step = self.rng.choice([1, 2]), self.rng.randint(-2, 2)
+                self.text.append(f"R{key}=R{key}+{step}")
+                steps.append(lambda key=key, step=step: self.r.update({key: self.r[key] + step}))
+            elif kind < 0.75:
+                begin, end = self.rng.randint(0, 2), self.rng.randint(0, 3)
+                counter = 10 + depth
+                self.text.append(f"FOR R{counter}={begin} TO {end}")
+                inner = self.part(depth - 1, runs)
+                self.text.append("ENDFOR")
+                steps.append(lambda n=end - begin + 1, inner=inner: [inner() for _ in range(n)])
+            elif kind < 0.9:
+                limit = self.rng.randint(-3, 6)
+                self.text.append(f"IF R1>{limit}")
+                yes = self.part(depth - 1, runs)
+                self.text.append("ELSE")
+                no = self.part(depth - 1, runs)
+                self.text.append("ENDIF")
+                steps.append(lambda limit=limit, yes=yes, no=no: yes() if self.r[1] > limit else no())
+            else:
+                self.labels += 1
+                times = self.rng.randint(1, 3)
+                self.text.append(f"L_{self.labels}: X0 Y=IC(0)")
+                inner = self.part(0, runs)
+                self.text.append(f"REPEAT L_{self.labels} P={times}" if depth else "")
+                steps.append(
+                    lambda times=times, inner=inner: [(self.ran.append((0.0, 0.0)), inner()) for _ in range(times + 1)]
+                )
+
+        def run():
+            for step in steps:
+                step()
+
+        return run
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_programs_run_as_python_runs_them(seed):
+    writer = Writer(seed)
+    run = writer.part(3, [])
+    text = "\n".join(["G71 G90", "R1=2 R2=3.5", *writer.text, "M30", ""])
+    run()
+    found = [line for line in lines_of(text) if "Y=IC" in line]
+    assert not any("R" in line for line in found)
+    numbers = [re.findall(r"X=?(-?[\d.]+) Y=IC\((-?[\d.]+)\)", line)[0] for line in found]
+    assert [tuple(map(float, pair)) for pair in numbers] == [pytest.approx(one, abs=1e-8) for one in writer.ran]
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "what"),
+    [
+        ("WHILE 1>0\nX1\nENDWHILE\n", 1, "never ends"),
+        ("LOOP\nX1\nENDLOOP\n", 3, "never ends"),
+        ("AA: X1\nGOTOB AA\n", 2, "never ends"),
+        ("R1=0\nREPEAT\nX1\nUNTIL R1>5\n", 4, "never ends"),
+        ("IF $P_EP[X]>1 GOTOF AA\nAA: X1\n", 1, "a condition depends on what only the machine knows"),
+        ("IF R1>1 GOTOF AA\nAA: X1\n", 1, "R1"),
+        ("GOTOF AA\nX1\n", 1, "is not there"),
+        ('R1=1\nCALL "SUB"\nIF R1>0\nX1\nENDIF\n', 3, "R1"),
+        ("R1=1\nDRILL_IT(5)\nIF R1>0\nX1\nENDIF\n", 3, "R1"),
+        ("REPEAT AA P=2\n", 1, "is not there"),
+        ("AA: X1\nREPEAT AA P=R5\n", 2, "P depends"),
+        ("IF 1>0\nX1\n", 1, "IF without its end"),
+        ("R1=1\nENDFOR\n", 2, "ENDFOR without its beginning"),
+        ("FOR I=1 TO 3\nX1\nENDFOR\n", 1, "does not count an R parameter"),
+        ("CASE R1 OF 1 GOTOF AA\nAA: X1\n", 1, "not followed: CASE R1 OF 1 GOTOF AA"),
+        ("/GOTOF AA\nAA: X1\n", 1, "slash"),
+        ("R1=1/0\nX=R1\n", 1, "division by zero"),
+        ("AA: X1\nIF 1>0 GOTOF BB\nBB: X2\nREPEAT AA BB P=2\n", 2, "a jump in a part that is repeated"),
+    ],
+)
+def test_what_cannot_be_written_out_is_named_with_its_line(text, line, what):
+    with pytest.raises(ExpandError) as found:
+        expand(f"{text}M30\n".encode(), "a.mpf", sinumerik=True)
+    assert what in str(found.value.what)
+    assert found.value.file == "a.mpf"
+    assert found.value.line == line
