@@ -128,10 +128,7 @@ class Stretches:
 
     def nearest_on(self, places: Floats, moves: list[Move]) -> Floats:
         """Nearest points (n, 3) [mm] of some moves."""
-        return self.nearest_in(places, run(moves, DENSE).motor)
-
-    def nearest_in(self, places: Floats, points: Floats) -> Floats:
-        """Nearest points (n, 3) [mm] of the lines between points."""
+        points = run(moves, DENSE).motor
         return self._nearest(points, cKDTree(points), places)[0]
 
     @staticmethod
@@ -211,8 +208,9 @@ def without_offsets(
 ) -> tuple[Floats, Floats]:
     """Motors without offsets, and the path next to them on the lines that they run.
 
-    Where these are new the motors are those of the original on the lines that were there. Moves end as far from where
-    the moves end for which they stand as their offsets are; between two ends these grow with the way.
+    Where these are new the motors are those of the original on the lines that were there, as far along as those of the
+    program are along the new ones. Moves end as far from where the moves end for which they stand as their offsets are;
+    between two ends these grow with the way.
     """
     stands = origins(text)
     free, exact = motor.copy(), motor.copy()
@@ -234,12 +232,31 @@ def without_offsets(
             share = (way / way[-1] if way[-1] else np.ones_like(way))[rows - low, None]
             free[rows] -= (1.0 - share) * before + share * after
             among = [move for move, k in theirs if first <= move.line < last and k == number]
-            exact[rows] = original.nearest_on(free[rows], among) if among else done[-1].end
-            if stands[own.moves[begin].line].new:
-                there = np.isin(plain.line, [move.line for move in among or done[-1:]])
-                free[rows] = original.nearest_in(exact[rows], plain.motor[there]) if there.sum() > 1 else exact[rows]
+            if not stands[own.moves[begin].line].new:
+                exact[rows] = original.nearest_on(free[rows], among) if among else done[-1].end
+            else:
+                exact[rows] = along(run(among, DENSE).motor, share[:, 0]) if among else done[-1].end
+                free[rows] = run_along(plain, among, share[:, 0]) if among else exact[rows]
         before, begin = after, end
     return free, exact
+
+
+def along(points: Floats, share: Floats) -> Floats:
+    """Places (n, 3) [mm] at shares (n,) of the way through some points."""
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    return np.stack([np.interp(share * way[-1], way, column) for column in points.T], axis=1)
+
+
+def run_along(played: Played, moves: list[Move], share: Floats) -> Floats:
+    """Motors (n, 3) [mm] that run some moves, at shares (n,) of the way of these."""
+    ends = np.cumsum([move.length for move in moves])
+    number = np.minimum(np.searchsorted(ends, share * ends[-1]), len(moves) - 1)
+    found = np.empty((len(share), 3))
+    for k in np.unique(number).tolist():
+        own, rows = number == k, np.flatnonzero(played.line == moves[k].line)
+        part = 1.0 - (ends[k] - share[own] * ends[-1]) / moves[k].length
+        found[own] = along(played.motor[max(rows[0] - 1, 0) : rows[-1] + 1], part) if rows.size else moves[k].end
+    return found
 
 
 def winds_up(moves: list[Move], gaps: Floats) -> set[int]:

@@ -141,9 +141,12 @@ class CutPath:
         From `first` to before `end` (n,) there may be none: then it is the joint there. Of turns of a circle it is the
         one next to a `place` (n,) [m].
         """
-        of_legs = self.legs.motion.astype(np.int64)
-        low, high = (np.searchsorted(of_legs, motion) for motion in (first, end))
+        low, high = (np.searchsorted(self.legs.motion, motion) for motion in (first, end))
         return closest_on(self._pieces, self.starts, position, place, low, high)[1]
+
+    def joint_places(self, motion: IntArray) -> Array:
+        """Places (n,) along the program [m] where motions (n,) of it begin."""
+        return np.asarray(self.starts[np.searchsorted(self.legs.motion, motion)])
 
     def counterparts(self, program: PartProgram, command: Command) -> Counterparts | None:
         """Return which motions of this program those of another stand for that moves a command."""

@@ -13,6 +13,7 @@ from ph_post.gcode.program import AXES, PartProgram
 from ph_post.geometry.bands import Band
 from ph_post.simulate.assess import AlikeRows, run_scenarios
 from ph_post.simulate.contour import ContourError, contour_error
+from ph_post.simulate.controllers.counterparts import Counterparts
 from ph_post.simulate.controllers.deviation import SLACK, FollowedCut
 from ph_post.simulate.machine import simulate
 from ph_post.types import Array, Command, IntArray, Machine, Scenario
@@ -92,30 +93,41 @@ def _without_offsets(cut: FollowedCut, plain: FollowedCut) -> tuple[Command, Com
     """Return a command without the offsets that its program declares, and that of the exact path at the same pace.
 
     A line that is not changed carries what it begins and ends with. In a changed stretch a crossing leaves the path:
-    there they are the original's way and the path, both next to the command.
+    there they go the original's way and the path, as far as the command goes its own.
     """
     program, path, command, known = cut.moved_by, cut.path, cut.command, cut.known
-    if program is None or known is None:
+    if program is None or known is None or plain.known is None:
         return None
     last = np.flatnonzero(np.diff(known.stretch, append=-1))
     offset = _ends(program, last + 1) - _ends(path.program, known.end[last])
     offset = np.concatenate([np.zeros((1, len(AXES))), np.nan_to_num(offset)])
     motion = np.maximum(command.segment, 0)
-    own = np.maximum.accumulate(known.stretch[motion])
-    full = path.in_space(command.axes, command.position)
-    way = _way_along(full)
-    begin, end = (way[np.clip(np.searchsorted(own, own, side=side) - 1, 0, own.size - 1)] for side in ("left", "right"))
-    share = np.divide(way - begin, end - begin, out=np.ones_like(way), where=end > begin)[:, None]
-    free = full - (1.0 - share) * offset[own] - share * offset[own + 1]
-    low, high = known.first[motion], known.end[motion]
-    place = path.closest_on_motions(free, cut.place, low, np.maximum(low, high))
-    changed = known.changed[motion]
-    free[changed] = _at_rows(_way_of(plain), _rows_at(np.maximum.accumulate(plain.place), place[changed]))
+    own, share, place = _passed(cut, known)
+    free = _way_of(cut) - (1.0 - share[:, None]) * offset[own] - share[:, None] * offset[own + 1]
+    kept = ~known.changed[motion]
+    low, high = known.first[motion], np.maximum(known.first[motion], known.end[motion])
+    place[kept] = path.closest_on_motions(free[kept], cut.place[kept], low[kept], high[kept])
+    theirs = np.maximum.accumulate(_passed(plain, plain.known)[2])
+    free[~kept] = _at_rows(_way_of(plain), _rows_at(theirs, place[~kept]))
     columns = [AXES.index(name) for name in command.axes]
     return (
         replace(command, position=np.ascontiguousarray(free[:, columns])),
         replace(command, position=np.ascontiguousarray(path.points(place, command.axes))),
     )
+
+
+def _passed(cut: FollowedCut, known: Counterparts) -> tuple[IntArray, Array, Array]:
+    """Stretch of each row (n,), the share of its way that is passed, and the place that is as far along the path [m].
+
+    What is closest to a command leaps where that cuts a corner.
+    """
+    motion = np.maximum(cut.command.segment, 0)
+    own = np.maximum.accumulate(known.stretch[motion])
+    way = _way_along(_way_of(cut))
+    begin, end = (way[np.clip(np.searchsorted(own, own, side=side) - 1, 0, own.size - 1)] for side in ("left", "right"))
+    share = np.divide(way - begin, end - begin, out=np.ones_like(way), where=end > begin)
+    low, high = (cut.path.joint_places(one[motion]) for one in (known.first, np.maximum(known.first, known.end)))
+    return own, share, (1.0 - share) * low + share * high
 
 
 def _ends(program: PartProgram, count: IntArray) -> Array:

@@ -14,7 +14,7 @@ from ph_post.gcode.read import read_program
 from ph_post.simulate.controllers.deviation import follow_cut
 from ph_post.simulate.controllers.gap_error import program_gap_error
 from ph_post.simulate.controllers.run import run_program
-from ph_post.types import Gap, Machine, Scenario, Servo
+from ph_post.types import Gap, Limits, Machine, Scenario, Servo
 
 LAG = 0.025
 """Time [s] that the tables are behind their commands."""
@@ -24,6 +24,18 @@ HEAD = "G21 G17 G90 G94 G61\nG0 X5 Y0 Z5\nG1 Z-1 F300\n"
 TURNS = 8
 RING = HEAD + TURNS * "G3 X5 Y0 I-5 J0 F1200\n" + "G0 Z5\nM2\n"
 SQUARE = HEAD + "G1 X20 F1200\nY15\nX5\nY0\nX12 Y4\nX5 Y8\nG0 Z5\nM2\n"
+
+CUSP = """G21 G90 G17 G94 G64 P0.005
+G0 X11.238 Y-7.439 Z5
+G1 Z-0.257 F120
+G2 X9.469 Y-2.978 I-1.256 J2.083 F600
+X6.033 Y-0.935 I-2.395 J-0.118
+G3 X6.751 Y-0.214 I0.445 J0.274
+G0 Z5
+M2
+"""
+QUICK = 0.5e-3
+"""Time [s] that the tables of a quick machine are behind their commands."""
 
 
 def late(gap: float) -> Machine:
@@ -97,6 +109,50 @@ def test_what_backlash_adds_to_linked_chords_is_no_more_than_all_causes_leave(
     assert gap is not None
     assert without is not None
     assert gap.max < after.max + without.max
+
+
+def test_what_backlash_adds_to_a_cusp_is_no_more_than_all_causes_leave(tmp_path: Path) -> None:
+    """A crossing goes beyond the cusp and back: the motion without it does not leap there from arc to arc."""
+    file = tmp_path / "cusp.ngc"
+    file.write_text(CUSP, encoding="utf-8")
+
+    def quick(gap: float) -> Machine:
+        servo, limits = Servo(b=0.25 * QUICK**2, c=QUICK), Limits(velocity=0.1, acceleration=0.4, jerk=40.0)
+        slow = late(gap)
+        axes = {name: replace(axis, servo=servo, limits=limits) for name, axis in slow.axes.items()}
+        return replace(slow, axes=axes, dialect="linuxcnc")
+
+    found = ph.compensate(file, quick(20e-6), max_slowdown=0.1)
+    assert [(row.compensated, row.all) for row in found.axis_reversals] == [(4, 4), (5, 5)]
+    without = ph.compensate(file, quick(0.0), max_slowdown=0.1).before.error
+    after, gap = found.after.error, found.after.error_gap
+    assert after is not None
+    assert gap is not None
+    assert without is not None
+    assert gap.max < after.max + without.max
+
+
+def test_nothing_is_left_of_backlash_where_a_late_table_goes_as_without_it(tmp_path: Path) -> None:
+    """In corners that a lag of 10 ms and the controller round, crossings leave what is left without backlash."""
+    file = tmp_path / "square.ngc"
+    text = SQUARE.replace("G61", "G64 P0.02").replace("F1200", "F3000").replace("X12 Y4\nX5 Y8\n", "")
+    file.write_text(text, encoding="utf-8")
+
+    def later(gap: float) -> Machine:
+        slow, lag = late(gap), 0.01
+        servo = Servo(b=(0.2 * lag) ** 2, c=lag)
+        return replace(
+            slow, dialect="linuxcnc", axes={name: replace(axis, servo=servo) for name, axis in slow.axes.items()}
+        )
+
+    found = ph.compensate(file, later(GAP), max_slowdown=0.1)
+    without = ph.compensate(file, later(0.0), max_slowdown=0.1).before.error
+    after, gap = found.after.error, found.after.error_gap
+    assert after is not None
+    assert gap is not None
+    assert without is not None
+    assert after.max == pytest.approx(without.max, abs=0.5e-6)
+    assert gap.max < 2e-6
 
 
 @pytest.mark.parametrize("feedback", ["none", "motor"])
