@@ -26,7 +26,10 @@ _GROUPS: Final = {
     "motion": (*_LINES, *_ARCS),
 }
 _GROUP_OF: Final = {code: group for group, codes in _GROUPS.items() for code in codes}
-_STILL: Final = {50, 51, 80, 90, 220, 230, 250, 260, 150, 610, 620, 630, 640, 800, 930, 940, 950, 960, 970}
+_QUIET: Final = {50, 51, 220, 230, 250, 260}
+"""Look-ahead, contour control and limit checks: axis words beside them are their own."""
+
+_STILL: Final = {*_QUIET, 80, 90, 131, 150, 610, 620, 630, 640, 800, 930, 940, 950, 960, 970}
 """G words that move nothing, and change nothing that is followed here."""
 
 _KNOWN: Final = {*_GROUP_OF, *_CYCLES, *_FRAMES, *_STILL, 40}
@@ -37,12 +40,13 @@ _LENGTHS: Final = (430, 440, 490)
 _OF_AXES: Final = (280, 290, 300, 520, 530)
 """G words behind which the axes that they name are somewhere else."""
 
-_ODD_FRAMES: Final = {71: True, 121: True, 131: False, 150: False, 160: True, 682: True, 683: True, 684: True}
-"""Other words that give coordinates another sense, or end that."""
+_NEVER: Final = 0
+_ENDS_OF: Final = {680: 690, 510: 500, 511: _NEVER, 71: _NEVER, 121: 131, 160: 150, 682: 690, 683: 690, 684: 690}
+"""G words that give coordinates another sense, and the one that ends that; a mirror may end axis by axis."""
 
 _OF_CYCLES: Final = "xyzrpqk"
 _BESIDE: Final = "fsthd"
-_IN_FRAMES: Final = (_KNOWN - {200, 210, 170, 180, 190, 150, 50, 51}) | {*_LENGTHS}
+_IN_FRAMES: Final = (_KNOWN - {200, 210, 170, 180, 190, 131, 150, *_QUIET}) | {*_LENGTHS}
 _STILL_ORDERS: Final = {*range(6), 7, 8, 9, 10, 11, 19, 29, 30, *range(41, 45), 48, 49, 88, 89}
 _BEFORE: Final = {3, 4, 7, 8, 9}
 """M words that may stand ahead of a cycle's first motion."""
@@ -87,8 +91,8 @@ class FanucBlocks:
         """Cycle that the program has in force, negative where it stays as it is."""
         self._frame: TurnedFrame | None = None
         self._unsettled: set[str] = set()
-        self._stands = False
-        """Whether coordinates are turned by a frame that stays as it is."""
+        self._stands: set[int] = set()
+        """Words that will end what gives coordinates another sense, and stays as it is."""
         self._moves_by = _NO_MOTION
         """Motion that the control has in force."""
         self._written: Place = dict.fromkeys(AXES, math.nan)
@@ -121,12 +125,7 @@ class FanucBlocks:
         pointed = all("." in word.text for word in words if word.letters == "r" and word.value)
         changed = self._frame_words(codes, values, pointed=pointed)
         motion = self._motion(codes, values)
-        if self._frame is not None:
-            odd = [f"G{code / 10:g}" for code in codes if code not in _IN_FRAMES]
-            odd += [f"M{order}" for order in orders if order not in _STILL_ORDERS]
-            odd += [word.letters.upper() for word in words if len(word.letters) > 1]
-            if odd:
-                raise NotExpandableError(f"{odd[0]} in turned, scaled or mirrored coordinates")
+        self._check_frame(codes, orders, words)
         if motion in _CYCLES and self._cycle > 0:
             self._write_cycle(motion, words, orders, values, comments)
             return
@@ -142,13 +141,24 @@ class FanucBlocks:
             self._moves_by = obeyed
         if self._frame is not None and moves and (motion in _ARCS or self._moved & set(values)):
             self._put([*begins, *self._turned(words, motion, start, values), *comments])
-        elif changed or begins:
-            self._put([*begins, *self._plain(words), *comments])
         else:
-            self._keep(text, words, comments, slash="", same=same)
+            if changed or begins:
+                self._put([*begins, *self._plain(words), *comments])
+            else:
+                self._keep(text, words, comments, slash="", same=same)
             self._written.update({axis: self.machine.place[axis] for axis in AXES if axis not in self._moved})
         if self._frame is None and not self._unsettled and self._cycle <= 0:
             self.begun = None
+
+    def _check_frame(self, codes: list[int], orders: list[int], words: Sequence[MacroWord]) -> None:
+        """Refuse what cannot be followed in turned coordinates."""
+        if self._frame is None:
+            return
+        odd = [f"G{code / 10:g}" for code in codes if code not in _IN_FRAMES]
+        odd += [f"M{order}" for order in orders if order not in _STILL_ORDERS]
+        odd += [word.letters.upper() for word in words if len(word.letters) > 1]
+        if odd:
+            raise NotExpandableError(f"{odd[0]} in turned, scaled or mirrored coordinates")
 
     @property
     def _moved(self) -> frozenset[str]:
@@ -190,7 +200,7 @@ class FanucBlocks:
                 self.machine.modes[_GROUP_OF[code]] = _NO_MOTION if _GROUP_OF[code] == "motion" else 0
         self.machine.forget()
         self._moves_by = self.machine.modes["motion"]
-        self._stands = self._stands or bool(set(codes) & {*_FRAMES, *_ODD_FRAMES})
+        self._stands |= {_NEVER} if set(codes) & {*_FRAMES, *_ENDS_OF} else set()
 
     # ------------------------------------------------------------------ modes and place
 
@@ -206,7 +216,9 @@ class FanucBlocks:
                 self._cycle = 0
             if group is None and not _moves_nothing_else(code):
                 machine.modes["motion"], self._cycle = _NO_MOTION, 0
-            self._stands = _ODD_FRAMES.get(code, self._stands)
+            self._stands.discard(code)
+            if code in _ENDS_OF and code not in _FRAMES:
+                self._stands.add(_ENDS_OF[code])
         for order in orders:
             if order in (3, 4, 5):
                 machine.spindle = order
@@ -219,7 +231,7 @@ class FanucBlocks:
     def _motion(self, codes: list[int], values: dict[str, float]) -> int:
         """Return the motion of a block, -1 for none, `_NO_MOTION` for one that nobody knows."""
         takes = [code for code in codes if code not in _KNOWN - {40, 501, 510, 511, 680} and code not in _LENGTHS]
-        if any(not 540 <= code <= 599 for code in takes):
+        if any(not 540 <= code <= 599 for code in takes) or _QUIET & set(codes):
             return -1
         if not any(letter in values for letter in [*AXES, "i", "j", "k", *("r" if self._cycle else "")]):
             return -1
@@ -311,7 +323,6 @@ class FanucBlocks:
         frame = self._frame
         if found in _ENDS:
             if frame is None:
-                self._stands = False
                 return False
             named = {axis for axis in AXES if axis in values}
             if found != frame.ends or named != (set(frame.factors) if found == 501 else set()):
@@ -324,6 +335,7 @@ class FanucBlocks:
         if frame is not None:
             raise NotExpandableError("a frame within another")
         if self._stands:
+            self._stands.add(_ENDS_OF[found])
             return False
         try:
             if self.at in self._standing:
@@ -334,7 +346,7 @@ class FanucBlocks:
         except NotExpandableError as error:
             said = f"{self.at[0]}:{self.at[1]}: turned, scaled or mirrored coordinates stay as they are: {error.what}"
             self.notes[said] = None
-            self._stands = True
+            self._stands.add(_ENDS_OF[found])
             self.machine.forget()
             return False
         self._frame, self._unsettled, self.begun = frame, set(frame.moved), self.at

@@ -229,6 +229,8 @@ def test_only_what_is_turned_loses_its_characters():
         ("G51.1 X0.\nG1 X1. Y1.\nG41 D1 X2.\nG50.1 X0.\n", "cutter compensation in scaled or mirrored"),
         ("G68 X0. Y0. R45.\nG0 X1. Y1.\n/X2.\nG69\n", "a line with a slash"),
         ("G16\nG98 G81 X10. Z-3. R1. F90.\nG80\n", ""),
+        ("G16\nG69\nG98 G81 X10. Z-3. R1. F90.\nG80\n", ""),
+        ("G5.1 Q1 X0. Y0. Z9.\nG98 G81 X10. Z-3. R8. F90.\nG80\n", "below its plane R (line 5)"),
     ],
 )
 def test_what_the_control_decides_stays_and_is_named(text, why):
