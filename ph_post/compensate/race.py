@@ -78,7 +78,7 @@ GAINED: Final = 0.01
 KIN: Final = 12
 """Plans at most that are looked at for what they do better in places."""
 
-GRAFTS: Final = 4
+GRAFTS: Final = 3
 """Plans at most in which the winner has what others do better in places."""
 
 LESS: Final = 0.5
@@ -351,6 +351,7 @@ class _Race:
         better[high > high[0] + GAINED] = 0.0
         which, gain = np.argmax(better, axis=0), better.max(axis=0)
         wanted = np.flatnonzero((gain > LEAST_GRAFT) & (which > 0))
+        # Where time is short the largest errors come first.
         wanted = wanted[np.argsort(-high[0][wanted], kind="stable")]
         # Profiles that found no room in the plan could find some in another one.
         own = [
@@ -364,11 +365,8 @@ class _Race:
             requests = list(own)
             for number in wanted.tolist():
                 requests[number] = kin[which[number] - 1].result.requests[number]
-            result = replace(winner.result, requests=tuple(requests), proven=True, shorter=None, rivals=(), warnings=())
-            plan = winner.planner.plan(self.name, result)
-            command = command_of(plan, self.checker.track, self.checker.period)
-            runner = self._runner(winner.planner, result, plan, command)
-            if takes_too_long(plan, winner.planner) or self._stands_too_long(runner):
+            runner = self._replanned(winner, requests)
+            if takes_too_long(runner.plan, runner.planner) or self._stands_too_long(runner):
                 wanted = wanted[: int(LESS * wanted.size)]
                 continue
             runner = self._measured(runner, tried)
@@ -381,6 +379,12 @@ class _Race:
             wanted = kept
         found = None if best is winner else self._proof(best, tried)
         return winner if found is None or not self._beats(found, winner, tried) else found
+
+    def _replanned(self, runner: Runner, requests: Sequence[ProfileRequest]) -> Runner:
+        """Plan the same with other requests, to be proven."""
+        result = replace(runner.result, requests=tuple(requests), proven=True, shorter=None, rivals=(), warnings=())
+        plan = runner.planner.plan(self.name, result)
+        return self._runner(runner.planner, result, plan, command_of(plan, self.checker.track, self.checker.period))
 
     def _beats(self, runner: Runner, other: Runner, tried: Sequence[Scenario]) -> bool:
         return self._best([other, runner], tried) == 1

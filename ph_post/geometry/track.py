@@ -16,7 +16,7 @@ from ph_post.types import MACHINE_AXES, Array, Curve, IntArray, Path, Segment, f
 
 EPS: Final = float(np.finfo(np.float64).eps)
 
-FAST_STEPS: Final = 4
+FAST_STEPS: Final = 6
 """Newton steps for all rows of a chunk; those left after them are few, and next to low speeds."""
 
 SURE: Final = 1e-12

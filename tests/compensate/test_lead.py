@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 from scipy.interpolate import BSpline
 from scipy.optimize import linprog
-from support.motions import look, make_path, worst_use
+from support.motions import look, make_path, worst_use, zigzag
 from support.two_masses import Nominal, body_of, settling, table_of
 
 from ph_post.compensate.lead import lead_window, smoothed, unwinding_time, weights
@@ -25,7 +25,6 @@ from ph_post.files.path import read_path
 from ph_post.files.storage import or_shipped
 from ph_post.geometry.curves import Arc, Line
 from ph_post.geometry.nurbs import Nurbs
-from ph_post.geometry.ph import ph_hermite
 from ph_post.types import Crossing, Machine, Path, Phase, Plan
 
 PATHS = File(__file__).parents[2] / "paths"
@@ -305,16 +304,6 @@ def test_a_line_takes_little_more_than_the_least_time() -> None:
     assert led.lead == 1.0
     assert cycle_time(plain.phases) <= least * 1.05
     assert cycle_time(led.phases) <= 1.45 * least
-
-
-def zigzag(count: int, seed: int, size: float = 0.02) -> list:
-    """PH quintics to and fro through random places: no two reversals are alike, and some are near to each other."""
-    rng, x, points = np.random.default_rng(seed), 0.0, []
-    for k in range(count):
-        points.append([x + rng.uniform(-0.3, 0.3) * size, k % 2 * size * rng.uniform(0.4, 1.4)])
-        x += size * rng.uniform(0.1, 0.5)
-    along = np.gradient(np.array(points), axis=0)
-    return [ph_hermite(np.array(points[k : k + 2]), along[k : k + 2]) for k in range(count - 1)]
 
 
 def test_profiles_that_leave_no_room_for_the_lead_are_given_up() -> None:

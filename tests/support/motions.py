@@ -10,7 +10,7 @@ from ph_post.analysis.path_analysis import Analysis, analyse
 from ph_post.compensate.violations import at_rest_before_and_after
 from ph_post.geometry.curves import Arc, Bezier, Line, Polynomial
 from ph_post.geometry.nurbs import Nurbs
-from ph_post.geometry.ph import PH
+from ph_post.geometry.ph import PH, ph_hermite
 from ph_post.types import Axis, Command, Gap, Limits, Machine, Path, Phase, Plan, Segment, Servo
 
 MM = 1e-3
@@ -65,6 +65,16 @@ def worst_use(command: Command, machine: Machine) -> tuple[float, float, float]:
         limit = np.array([getattr(machine.axes[axis].limits, name) for axis in command.axes])
         worst.append(float((np.abs(np.diff(position, order, axis=0)) / command.period**order / limit).max()))
     return worst[0], worst[1], worst[2]
+
+
+def zigzag(count: int, seed: int, size: float = 0.02) -> list[PH]:
+    """PH quintics to and fro through random places: no two reversals are alike, and some are near to each other."""
+    rng, x, points = np.random.default_rng(seed), 0.0, []
+    for k in range(count):
+        points.append([x + rng.uniform(-0.3, 0.3) * size, k % 2 * size * rng.uniform(0.4, 1.4)])
+        x += size * rng.uniform(0.1, 0.5)
+    along = np.gradient(np.array(points), axis=0)
+    return [ph_hermite(np.array(points[k : k + 2]), along[k : k + 2]) for k in range(count - 1)]
 
 
 def assert_continuous(plan: Plan, length: float) -> None:
