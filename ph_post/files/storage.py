@@ -352,7 +352,9 @@ def _folder(kind: Kind) -> tuple[pathlib.Path, str]:
     return (installed if installed.is_dir() else source_tree), ending
 
 
-PROGRAM_ENDINGS: Final = frozenset((".ngc", ".nc", ".tap", ".gcode", ".cnc", ".txt", ".h", ".i", ".mpf", ".spf"))
+PROGRAM_ENDINGS: Final = frozenset(
+    (".ngc", ".nc", ".tap", ".cnc", ".gcode", ".gco", ".gc", ".g", ".txt", ".eia", ".min", ".prg")
+) | {".h", ".i", ".mpf", ".spf"}
 """Endings of part programs."""
 
 JOB_ENDINGS: Final = (*sorted(PROGRAM_ENDINGS), ".json")
@@ -389,7 +391,8 @@ def is_program(raw: SourceBytes) -> bool:
         Where it is neither, but a drawing.
     """
     ending = _ending(raw)
-    return ending in PROGRAM_ENDINGS or (ending != ".json" and _BLOCK.match(raw.data) is not None)
+    begins = _BLOCK.match(raw.data) is not None or raw.data.lstrip()[:1] in (b"#", b"$")
+    return ending in PROGRAM_ENDINGS or (ending != ".json" and begins)
 
 
 def input_kind(raw: SourceBytes) -> InputKind:

@@ -190,7 +190,8 @@ def _linked(legs: Legs, program: PartProgram, limits: Array, otherwise: float) -
     within = [otherwise if state.path is None else linking_of(state.path, state.units) for state in program.modal]
     found = np.array(within or [0.0])
     linking = found[program.state[motions.block]] if motions.block.size else np.zeros(0)
-    if not linking.any():
+    # Splines are many legs each: lines beside them are taken as they are.
+    if not linking.any() or len(legs.motion) != len(motions.kind):
         return legs
     flat = _flat(legs, program, linking) * (1 + (legs.drains > 0.0))
     kept = linked_ends(start, end, linking, np.where(motions.duration > 0.0, legs.speed, motions.feed), flat)

@@ -141,3 +141,19 @@ def test_a_path_mode_that_grbl_has_not_is_named() -> None:
     said = warnings("G64 P0.01", "G0 X0 Y0", "G1 X10 F600", "G64", "M2", machine=read_machine("stepper"))
     assert len(said) == 1
     assert said[0].startswith("line 2: G64 is no word of grbl")
+
+
+def test_lines_beside_a_spline_are_run_too() -> None:
+    part = program("G64 P0.01", "G0 X0 Y0", "G1 X1 F600", "X2", "G5 X12 Y10 I5 J0 P0 Q-5", "G1 X2", "M2")
+    found = run_program(part, ROUTER)
+    assert found.position[-1, :2] == pytest.approx([0.002, 0.01], abs=1e-9)
+    assert found.position[:, 0].max() == pytest.approx(0.012, abs=1e-5)
+
+
+@pytest.mark.parametrize(("dialect", "word"), [("fanuc", "G64"), ("siemens", "G64"), ("heidenhain", "")])
+def test_machine_tools_keep_to_their_builders_tolerance(dialect, word) -> None:
+    machine = replace(ROUTER, dialect=dialect)
+    part = program(word or "G90", *CORNER)
+    assert tolerances(part, planner_of(machine)).max() == pytest.approx(1e-5)
+    assert tolerances(part, planner_of(replace(machine, planner=PlannerSettings(path_tolerance=3e-5)))).max() == 3e-5
+    assert tolerances(program("G64", *CORNER), planner_of(replace(machine, dialect="linuxcnc"))).max() == 0.0

@@ -1,0 +1,84 @@
+"""The whole corpus, compensated and played: what becomes of each program, and the rates over all.
+
+    python -m tests.long.corpus --out tests/long/corpus.json --manifest tests/corpus/manifest.json
+
+The manifest says of each program what must come out, which the ordinary tests hold a sample against; the summary has
+the rates. Programs of LinuxCNC are taken from where it is installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import sys
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path as File
+from typing import Any
+
+sys.path.insert(0, str(File(__file__).parents[1]))
+
+from support.corpus import FAMILIES, whole
+from support.corpus_judge import FOLLOWED, GAP, SHOWS, Judged, judge
+
+FIVE = 5.0
+"""Times by which the rms is to fall."""
+
+
+def expectation(judged: Judged) -> dict[str, Any]:
+    """Return the part of a finding that the manifest holds."""
+    counts = ("reversals", "compensated", "followed")
+    return {"outcome": judged.outcome} | {name: getattr(judged, name) for name in counts}
+
+
+def rates(found: dict[str, Judged]) -> dict[str, Any]:
+    """Return the rates over programs, as counts beside what they are of."""
+    rows = list(found.values())
+    moving = [row for row in rows if row.reversals]
+    played = [row for row in rows if row.rms is not None and row.shown]
+    timed = [row for row in rows if row.time is not None and row.time[0] > 0.0]
+    return {
+        "programs": len(rows),
+        "origins": dict(sorted(Counter(name.partition("/")[0] for name in found).items())),
+        "refused": sum(row.outcome == "refused" for row in rows),
+        "expanded": sum(row.outcome == "expanded" for row in rows),
+        "compensated": [sum(row.compensated > 0 for row in moving), len(moving)],
+        "reversals": [sum(row.compensated for row in moving), sum(row.reversals for row in moving)],
+        "followed": [sum(row.followed for row in played), sum(row.shown for row in played)],
+        "rms_five_times_down": _fallen(played, lambda row: row.rms),
+        "p95_five_times_down": _fallen(played, lambda row: row.p95),
+        "within_ten_percent_of_time": [sum(b <= 1.105 * a for a, b in (row.time for row in timed)), len(timed)],
+        "restored": [sum(row.restored for row in rows), len(rows)],
+    }
+
+
+def _fallen(rows: Iterable[Judged], of: Any) -> list[int]:
+    pairs = [of(row) for row in rows]
+    return [sum(FIVE * after <= before for before, after in pairs), len(pairs)]
+
+
+def main() -> None:
+    """Judge every program, and write manifest and summary."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=File, required=True)
+    parser.add_argument("--manifest", type=File, required=True)
+    parser.add_argument("--only", default="", help="programs whose names begin so; the others keep their entries")
+    asked = parser.parse_args()
+    found: dict[str, Judged] = {}
+    for entry in whole():
+        if entry.name.startswith(asked.only):
+            found[entry.name] = judge(entry)
+            print(entry.name, *found[entry.name], flush=True)  # noqa: T201
+    entries = json.loads(asked.manifest.read_text()) if asked.only else {}
+    entries |= {name: expectation(one) for name, one in found.items()}
+    lines = [f"{json.dumps(name)}: {json.dumps(one)}" for name, one in sorted(entries.items())]
+    asked.manifest.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+    if not asked.only:
+        setting = {"machine": f"stepper, {GAP} mm on X, Y and Z", "families": FAMILIES, "seed": 1515}
+        limits = {"shown_mm": SHOWS, "followed_part": FOLLOWED, "python": platform.python_version()}
+        asked.out.write_text(json.dumps(setting | limits | rates(found), indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
