@@ -211,6 +211,11 @@ class CrossingGround:
         minus, plus = self.sides[AXES[column]]
         return plus if sign > 0 else minus if sign < 0 else 0.0
 
+    def largest(self, column: IntArray, sign: Array) -> float:
+        """Return the largest offset [m] that any of some changes (n,) leads to."""
+        pairs = set(zip(column.tolist(), np.sign(sign).astype(np.int64).tolist(), strict=True))
+        return max((abs(self.offset(*pair)) for pair in pairs), default=0.0)
+
     def alone(self, motion: int, column: int, sign: float) -> bool:
         """Return whether an axis, from a motion on, first moves alone, before any cut, and by more than its backlash.
 

@@ -106,14 +106,14 @@ class CrossingSearch:
             Motions at whose place a shift would have the beam burn a dot.
         """
         spots = self._spots.find(changes, coarser)
-        planner = CrossingPlanner(
-            self._ground.program.motions, self._ground.along, self._ground.divisible, self._ground.least
-        )
+        ground = self._ground
+        most = ground.largest(spots.column, spots.rows[:, SIGN])
+        planner = CrossingPlanner(ground.program.motions, ground.along, ground.divisible, ground.least, most)
         current = np.zeros(3)
         crossings: list[CrossingEdit] = []
         stops: list[StopEdit] = []
         approaches: dict[str, float] = {}
-        offset = np.zeros((self._ground.program.motions.kind.size, 3))
+        offset = np.zeros((ground.program.motions.kind.size, 3))
         inside: dict[int, Array] = {}
         reached = -np.inf
         burnt: list[int] = []

@@ -213,7 +213,7 @@ class SpotSearch:
         lit = ground.beam.is_beam & ground.beam.works.on[motion]
         push = np.array([ground.turning_push(name) for name in AXES])[spots.column]
         finest = np.where(np.isfinite(push), STEPS_ERROR, ERROR)
-        error, most = self._allowed(spots.column, coarser, finest)
+        error, most = self._allowed(spots, coarser, finest)
         which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, lag)
         for number, times in enumerate((0.0, *BEAM_COARSER)):
             if which.size:
@@ -248,9 +248,9 @@ class SpotSearch:
         jog = (rows[:, CARRIED] == 0.0) & ~calm & ~turning
         return replace(spots, jog=jog, window=np.where(turning[:, None], window, 0.0))
 
-    def _allowed(self, column: IntArray, coarser: float, finest: Array) -> tuple[Array, Array]:
+    def _allowed(self, spots: Spots, coarser: float, finest: Array) -> tuple[Array, Array]:
         """Return errors of crossings (n,) [m], up to a multiple of the `finest` ones (n,), and the largest of all."""
-        ground = self._ground
+        ground, column = self._ground, spots.column
         axes = ground.machine.axes
         lost = np.array([axes[n].gap.lost_motion if n in axes else 0.0 for n in AXES])[column]
         part = PART * max(coarser / LARGE, 1.0)
@@ -260,8 +260,7 @@ class SpotSearch:
         beyond = np.array([one.beyond for one in shapes])[column]
         farther = np.array([exaggeration(one, float(c)) for one, c in zip(shapes, ground.lag, strict=True)])[column]
         # A motor without lag, or one that is held there, would take the table so far off the path.
-        used = {AXES[n] for n in np.unique(column).tolist()}
-        whole = max(max(map(abs, ground.sides[name])) for name in used)
+        whole = ground.largest(column, spots.rows[:, SIGN])
         most = np.minimum(np.minimum((MOST + beyond) * lost, whole) / farther, whole - beyond * lost)
         return error, np.maximum(most, finest)
 

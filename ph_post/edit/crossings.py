@@ -37,6 +37,9 @@ MOST: Final = 0.48
 HALF: Final = 0.5
 """One that leaves a larger part is not made: the plain program leaves as much."""
 
+NEARLY: Final = 0.98
+"""Part of the largest offset of a program that a crossing leaves at most: what is declared is rounded."""
+
 SHORTEST: Final = 0.02 * MM
 """Blocks of crossings are no shorter [m]; one that would be is moved to the end of the motion beside it."""
 
@@ -186,10 +189,13 @@ class CrossingPlanner:
         Motions that may be divided: crossings lie on them alone.
     least : float
         Blocks last at least this long [s] at the feed of the path, where that does not cost too much.
+    most : float
+        Largest offset of the program [m]: no crossing leaves the path farther, as the check wants it.
     """
 
-    def __init__(self, motions: Motions, along: Array, divisible: BoolArray, least: float) -> None:
+    def __init__(self, motions: Motions, along: Array, divisible: BoolArray, least: float, most: float) -> None:
         self._motions, self._along, self._divisible, self._least = motions, along, divisible, least
+        self._most = NEARLY * most
         self._view = motion_view(motions)
 
     def plan(self, spot: CrossingPlace, window: Array) -> CrossingEdit | None:
@@ -236,7 +242,8 @@ class CrossingPlanner:
         error = self._error(knots, points, spot)
         # What goes beyond shows to a motor without lag alone.
         own = spot.shape.beyond if not spot.calm else 0.0
-        if error > (HALF + own) * abs(float(spot.after[spot.column] - spot.before[spot.column])):
+        gap = abs(float(spot.after[spot.column] - spot.before[spot.column]))
+        if error > min((HALF + own) * gap, self._most):
             return None
         parts = self._parts(knots, points, coarse=error > FINE * ERROR)
         if not all(self._divisible[part.motion] for part in parts):

@@ -243,11 +243,11 @@ class ReversalSearch:
 
     def take_again(self, places: Collection[tuple[str, int, str]]) -> None:
         """Take again what was left for now: axes in sections, with the reasons."""
-        for place in list(places):
-            name, section, why = place
+        for name, section, why in places:
             self.open[name][section] = True
             self._given_up[name, why].discard(section)
-            self.for_now.remove(place)
+        taken = set(places)
+        self.for_now = [place for place in self.for_now if place not in taken]
 
     @property
     def warnings(self) -> list[str]:
