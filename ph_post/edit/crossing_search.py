@@ -72,12 +72,11 @@ class CrossingSearch:
         *,
         part_side: int = 0,
     ) -> None:
-        self._ground = CrossingGround(program, machine, dialect, sides, feed, low, overshoot, part_side=part_side)
-        self._costs = CrossingCosts(self._ground)
-        self._spots = SpotSearch(self._ground, self._costs)
+        self.ground = CrossingGround(program, machine, dialect, sides, feed, low, overshoot, part_side=part_side)
+        self._costs = CrossingCosts(self.ground)
+        self._spots = SpotSearch(self.ground, self._costs)
         self._restarts = restarts
         self._chain_of = np.searchsorted(whole, low, side="right") - 1
-        self.kept, self.moves = self._ground.kept, self._ground.moves
 
     def cost(self, changes: Mapping[str, Array], coarser: float = 1.0) -> float:
         """Return the time [s] that changes cost."""
@@ -106,7 +105,7 @@ class CrossingSearch:
             Motions at whose place a shift would have the beam burn a dot.
         """
         spots = self._spots.find(changes, coarser)
-        ground = self._ground
+        ground = self.ground
         most = ground.largest(spots.column, spots.rows[:, SIGN])
         planner = CrossingPlanner(ground.program.motions, ground.along, ground.divisible, ground.least, most)
         current = np.zeros(3)
@@ -120,7 +119,7 @@ class CrossingSearch:
         for n, row in enumerate(spots.rows):
             column = int(spots.column[n])
             after = current.copy()
-            after[column] = self._ground.offset(column, int(row[SIGN]))
+            after[column] = self.ground.offset(column, int(row[SIGN]))
             last = int(row[MOTION])
             if row[CARRIED] == 0.0 and (after[column] != current[column] or self._winds_up(spots, n)):
                 made = None if spots.jog[n] else self._crossing(planner, spots, n, current, after, reached)
@@ -131,7 +130,7 @@ class CrossingSearch:
                         if part.high == 1.0 and part is not made.parts[-1]:
                             inside[part.motion] = part.added
                 else:
-                    if self._ground.beam.marks(row, int(spots.before[n]), behind_rapid=self._ground.behind_rapid(row)):
+                    if self.ground.beam.marks(row, int(spots.before[n]), behind_rapid=self.ground.behind_rapid(row)):
                         burnt.append(last)
                     stop, beyond = self._jog(spots, n, float(after[column] - current[column]), coarser)
                     stops.append(stop)
@@ -164,9 +163,9 @@ class CrossingSearch:
 
     def _comes_down(self, one: Restart) -> bool:
         """Return whether Z is on the side of its way down where the tool begins to cut, and carries nothing there."""
-        ways = self._ground.way[one.first : one.cut, 2]
+        ways = self.ground.way[one.first : one.cut, 2]
         last = ways[ways != 0.0][-1:]
-        lost = self._ground.machine.axes["Z"].gap.lost_motion if "Z" in self._ground.machine.axes else 0.0
+        lost = self.ground.machine.axes["Z"].gap.lost_motion if "Z" in self.ground.machine.axes else 0.0
         return bool(last.size and last[0] <= -APPROACH * lost)
 
     def _winds_up(self, spots: Spots, n: int) -> bool:
@@ -177,14 +176,14 @@ class CrossingSearch:
         column, row = int(spots.column[n]), spots.rows[n]
         if row[BEYOND] == 1.0:
             return True
-        if not self._ground.behind_rapid(row):
+        if not self.ground.behind_rapid(row):
             return False
-        moves = self._ground.moving[column].size > 0 and self._ground.moving[column][-1] > row[MOTION]
-        return bool(spots.first[n] and moves and not self._ground.alone(int(row[MOTION]) + 1, column, row[SIGN]))
+        moves = self.ground.moving[column].size > 0 and self.ground.moving[column][-1] > row[MOTION]
+        return bool(spots.first[n] and moves and not self.ground.alone(int(row[MOTION]) + 1, column, row[SIGN]))
 
     def _end_of(self, made: CrossingEdit) -> float:
         last = made.parts[-1]
-        low, high = self._ground.along[last.motion], self._ground.along[last.motion + 1]
+        low, high = self.ground.along[last.motion], self.ground.along[last.motion + 1]
         return float(low + last.high * (high - low))
 
     def _crossing(
@@ -192,7 +191,7 @@ class CrossingSearch:
     ) -> CrossingEdit | None:
         name = AXES[int(spots.column[n])]
         feed = float(spots.feed[n])
-        shape = self._ground.shapes[name]
+        shape = self.ground.shapes[name]
         shape = replace(shape, first=max(shape.first, SHORTEST / feed), wait=max(shape.wait, SHORTEST / feed))
         low, high = spots.bound[n].tolist()
         spot = CrossingPlace(
@@ -204,7 +203,7 @@ class CrossingSearch:
             before=before,
             after=after,
             shape=shape,
-            lag=response_time(self._ground.machine.axes[name].servo),
+            lag=response_time(self.ground.machine.axes[name].servo),
             feed=feed,
             calm=bool(spots.calm[n]),
             blend=float(spots.blend[n]),
@@ -218,15 +217,15 @@ class CrossingSearch:
         """
         row, name = spots.rows[n], AXES[int(spots.column[n])]
         motion, share, sign = int(row[MOTION]), float(row[SHARE]), float(row[SIGN])
-        axis = self._ground.machine.axes[name]
-        lost = self._ground.sides[name][1] - self._ground.sides[name][0]
-        behind_rapid = self._ground.behind_rapid(row)
+        axis = self.ground.machine.axes[name]
+        lost = self.ground.sides[name][1] - self.ground.sides[name][0]
+        behind_rapid = self.ground.behind_rapid(row)
         waits = self._costs.waits(row[None, :], spots.first[n : n + 1], axis, coarser)
         pause, arrives, far = (one.item() for one in waits)
         velocity, beyond, ways = float(spots.feed[n]), 0.0, [travel]
         if far:
-            velocity, beyond = 0.0, self._ground.overshoot[name]
-            named = name in words_by_letter(self._ground.program, int(self._ground.program.motions.block[motion]))
+            velocity, beyond = 0.0, self.ground.overshoot[name]
+            named = name in words_by_letter(self.ground.program, int(self.ground.program.motions.block[motion]))
             if name == "Z" and sign > 0.0:
                 # A tool is never sent below the height that is programmed: from above onto a side, then through it.
                 ways = [-beyond, lost]
@@ -235,13 +234,13 @@ class CrossingSearch:
         elif not behind_rapid and (sign == 0.0 or spots.before[n] == 0):
             # Behind the last cut the path rests anyway, and where no rapid led to the first place it has to once.
             pause = arrives = max(pause, DWELL)
-        elif self._ground.beam.tends and self._ground.beam.works.stays[motion]:
+        elif self.ground.beam.tends and self.ground.beam.works.stays[motion]:
             pause, arrives = 0.0, arrives if behind_rapid else 0.0
         longest = max(map(abs, ways))
         # No faster than it can be on its way: from rest to rest by half of it each.
         reached = math.sqrt(axis.limits.acceleration * min(map(abs, ways)))
         # With its power in proportion to the speed over F a beam burns no more in a move at F than along the path.
-        steady = bool(self._ground.beam.works.follows[motion]) and sign != 0.0 and not behind_rapid
+        steady = bool(self.ground.beam.works.follows[motion]) and sign != 0.0 and not behind_rapid
         if not steady:
             velocity = min(velocity, reached) if velocity > 0.0 else make_jog(axis, longest, 0.0).velocity
         shifts = tuple(
@@ -255,7 +254,7 @@ class CrossingSearch:
             for place, way in enumerate(ways)
         )
         approach = bool(behind_rapid and sign != 0.0)
-        rapid = approach and self._ground.beam.tool == "laser"
+        rapid = approach and self.ground.beam.tool == "laser"
         stop = StopEdit(
             motion=motion,
             share=share,
@@ -263,6 +262,6 @@ class CrossingSearch:
             shifts=shifts,
             approach=approach,
             rapid=rapid,
-            behind=self._ground.beam.off_behind(motion) if sign == 0.0 and share == 1.0 else None,
+            behind=self.ground.beam.off_behind(motion) if sign == 0.0 and share == 1.0 else None,
         )
         return stop, beyond

@@ -100,7 +100,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         followed=tuple(name for name in amplitude if len(changes[name])),
         one_sided={name: 1 if sides[name][0] == 0.0 else -1 for name in used if 0.0 in sides[name]},
         pulse=pulse,
-        kept=search.crossings.kept(crossings),
+        kept=search.crossings.ground.kept(crossings),
         joints=chord_joints(program.motions, machine, crossings),
         slowdown=afforded.slowdown,
         short=afforded.short,

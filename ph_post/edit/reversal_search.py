@@ -185,7 +185,7 @@ class ReversalSearch:
         """Return the first motion that says to which side an axis is taken up in a section."""
         motions = self.program.motions
         cut = low + int(np.argmax(motions.kind[low:high] != RAPID))
-        moves = self.crossings.moves(axis, low, high)
+        moves = self.crossings.ground.moves(axis, low, high)
         rapids = moves[moves < cut]
         return cut if (moves >= cut).any() or not rapids.size else int(rapids[-1])
 
