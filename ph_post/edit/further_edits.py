@@ -141,6 +141,10 @@ def plan_further(
     moved, plans, said = further_moves(program), [], []
     troubles = why_not_editable(program)
     asked = [name for name in machine.further if name in moved and moved[name].block.size]
+    for name, axis in machine.further.items():
+        foreign = name not in program.language.further and np.any(program.words.letter == ord(name))
+        if foreign and axis.gap.lost_motion > 0.0:
+            said.append(f"axis {name} not compensated: {dialect.name} programs are passed through where it moves")
     time = float(motion_times(program, machine).sum()) if asked else 0.0
     for name in asked:
         axis = machine.further[name]

@@ -10,11 +10,12 @@ from support.corpus import stepper
 import ph_post as ph
 from ph_post.api.compensated_program import ProgramRequest
 from ph_post.api.further_axes import shifted_job
+from ph_post.api.inputs import program_in
 from ph_post.compensate.options import PlanOptions
 from ph_post.drive.machinefile import machine_of
 from ph_post.edit.edits import EditOptions
 from ph_post.errors import InputError
-from ph_post.files.storage import SourceText
+from ph_post.files.storage import SourceBytes, SourceText
 from ph_post.gcode.read import read_program
 
 XYZ = "".join(
@@ -225,6 +226,22 @@ def test_a_backlash_of_few_steps_is_left_alone_and_named():
     result = compensated(text, machine(lost=0.0003))
     assert result.program() == text.encode()
     assert any("decimals of linuxcnc are too few" in one for one in result.warnings)
+
+
+@pytest.mark.parametrize(
+    ("dialect", "text"),
+    [
+        ("siemens", "G71 G90 G94\nG0 X0 Y0 Z5\nG0 A90\nG1 X5 F600\nG1 X0 A0\nM30\n"),
+        ("heidenhain", "0 BEGIN PGM T MM\n1 L A+90 FMAX\n2 L X+5 F600\n3 L X+0 A+0\n4 END PGM T MM\n"),
+        ("fanuc", "G21 G90\nG0 X0. Y0.\nG1 X5. U3. F600.\nM30\n"),
+    ],
+)
+def test_what_a_language_has_no_axes_for_is_passed_through_and_named(dialect, text):
+    how = machine("U" if dialect == "fanuc" else "A", dialect=dialect)
+    program = program_in(SourceBytes(name="a", stem="a", data=text.encode()), dialect)
+    result = ph.compensate(program, how)
+    assert result.program() == text.encode()
+    assert any(f"{dialect} programs are passed through where it moves" in one for one in result.warnings)
 
 
 def test_where_a_control_may_turn_either_way_nothing_is_guessed():
