@@ -160,24 +160,25 @@ def _check_machine(layer: _Layer, machine: Machine, findings: Findings) -> None:
 
 def _check_lines(original: PartProgram, shifted: PartProgram, layer: _Layer, findings: Findings) -> None:
     """Demand the same bytes but for numbers of declared axes, which differ by an offset or a change of it, exactly."""
+    letters = "".join(layer.axes).encode()
+    number = re.compile(rb"([%s][ \t]*)([-+]?(?:\d+\.?\d*|\.\d+))" % letters, re.IGNORECASE) if letters else None
+    carried = {letter: (axis.offsets, _changes(axis)) for letter, axis in layer.axes.items()}
     for old, new in enumerate(layer.own):
         one, other = original.text(old), shifted.text(new)
-        if one == other or (old == original.blocks - 1 and one == other.rstrip(b"\r\n")):
+        if not one.endswith((b"\n", b"\r")):
+            other = other.rstrip(b"\r\n")  # the comments behind the last line need its end
+        if one == other:
             continue
-        first, second = original.words_of(old), shifted.words_of(new)
-        parts = [
-            _parts(program, line, words, layer)
-            for program, line, words in ((original, old, first), (shifted, new, second))
-        ]
-        if parts[0][0] != parts[1][0]:
+        # Text, letter and number in turn.
+        first, second = ([one], [other]) if number is None else (number.split(one), number.split(other))
+        if first[0::3] != second[0::3] or first[1::3] != second[1::3]:
             what = "the line differs outside what is declared"
             findings.add("text", what, original=old, compensated=new, expected=quoted(one), got=quoted(other))
             continue
-        absolute = shifted.modal_after(new).absolute
-        for letter, before in parts[0][1].items():
-            carried = layer.axes[letter].offsets
-            allowed = carried if absolute else {a - b for a, b in product(carried, carried)}
-            if parts[1][1][letter] - before not in allowed:
+        relative = not shifted.modal_after(new).absolute
+        for name, before, after in zip(first[1::3], first[2::3], second[2::3], strict=True):
+            letter = name[:1].decode().upper()
+            if Decimal(after.decode()) - Decimal(before.decode()) not in carried[letter][relative]:
                 what = f"{letter} is shifted by something other than the declared offset"
                 findings.add("offset", what, original=old, compensated=new, expected=str(layer.axes[letter].number))
     for line in layer.added:
@@ -186,16 +187,9 @@ def _check_lines(original: PartProgram, shifted: PartProgram, layer: _Layer, fin
             findings.add("text", "an added line is more than a move of such an axis", compensated=line)
 
 
-def _parts(program: PartProgram, line: int, words: range, layer: _Layer) -> tuple[bytes, dict[str, Decimal]]:
-    """Return a line without the numbers of declared axes, and those numbers."""
-    text, base, numbers = bytearray(program.text(line).rstrip(b"\r\n")), int(program.lines[line]), {}
-    for word in reversed(words):
-        letter = chr(program.words.letter[word])
-        if letter in layer.axes and program.words.decimals[word] >= 0:
-            low, high = int(program.words.start[word]) + 1 - base, int(program.words.end[word]) - base
-            numbers[letter] = Decimal(b"".join(bytes(text[low:high]).split()).decode())
-            del text[low:high]
-    return bytes(text), numbers
+def _changes(axis: ShiftedAxis) -> set[Decimal]:
+    """By what an increment may differ: a change of the offset."""
+    return {a - b for a, b in product(axis.offsets, axis.offsets)}
 
 
 def _check_rest(original: PartProgram, shifted: PartProgram, layer: _Layer, findings: Findings) -> None:
@@ -230,9 +224,10 @@ class _Follower:
         axis: ShiftedAxis,
         findings: Findings,
     ) -> None:
-        self._layer, self._letter, self._axis, self._findings = layer, letter, axis, findings
+        self._layer, self._letter, self._findings = layer, letter, findings
         self._new, self._old = further_moves(shifted).get(letter), further_moves(original).get(letter)
         self._line = {new: old for old, new in enumerate(layer.own)}
+        self._below, self._above = axis.reach
         self._table: tuple[float, float] | None = None
         self._carries = False
 
@@ -272,12 +267,12 @@ class _Follower:
 
     def _go(self, motor: float) -> None:
         """Take the table along to where the motor is."""
-        below, above = motor - self._axis.reach[0], motor + self._axis.reach[1]
+        below, above = motor - self._below, motor + self._above
         low, high = (below, above) if self._table is None else self._table
         self._table = min(max(low, below), above), min(max(high, below), above)
 
     def _is_at(self, place: float) -> bool:
-        band = _BAND * sum(self._axis.reach) + _SAME
+        band = _BAND * (self._below + self._above) + _SAME
         return self._table is not None and all(abs(one - place) <= band for one in self._table)
 
     def _added(self, new: FurtherMoves, k: int, before: int) -> None:

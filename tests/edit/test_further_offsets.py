@@ -214,6 +214,14 @@ def test_moves_of_its_own_keep_within_the_time_allowed():
     assert b"crossing A" in compensated(text, machine(), max_slowdown=10.0).program()
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_a_program_without_an_end_of_its_last_line_comes_back(end):
+    text = (HEAD + CONTINUOUS.replace("G0 Z5\n", "", 1) + "G1 X5 A-40").replace("\n", end)
+    result = compensated(text, machine())
+    assert f"G1 X5 A-40.025{end}".encode() in result.program()
+    assert ph.undo(read_program(result.program(), "b.ngc")) == text.encode()
+
+
 def test_an_axis_inside_its_loop_is_left_alone_and_named():
     text = HEAD + CONTINUOUS + "M2\n"
     result = compensated(text, machine(loop="load"))
