@@ -64,11 +64,6 @@ class _Layer(msgspec.Struct, kw_only=True):
     added: dict[int, str]
 
 
-def has_shifted_axes(program: PartProgram) -> bool:
-    """Return true where a program declares offsets of axes beside X, Y and Z."""
-    return any(_HEAD.fullmatch(_fact(program, line)) for line in range(min(program.blocks, 8)))
-
-
 def verify_shifted(original: PartProgram, shifted: PartProgram, machine: Machine | None = None) -> Verdict:
     """Check that a program is its original but for declared offsets of axes beside X, Y and Z.
 
@@ -107,6 +102,7 @@ def _fact(program: PartProgram, line: int) -> str:
 
 
 def _read(shifted: PartProgram, findings: Findings) -> _Layer:
+    """Tell the lines of the original from those of the header, of marks and of what they add."""
     layer = _Layer(axes={}, original="", machine="", own=[], added={})
     line, counted = 0, 0
     while line < shifted.blocks:
@@ -115,15 +111,20 @@ def _read(shifted: PartProgram, findings: Findings) -> _Layer:
         if not fact:
             layer.own.append(first)
             continue
-        mark = _ADDED.fullmatch(fact)
-        while mark is None and line < shifted.blocks and (more := _MORE.fullmatch(shifted.text(line))):
-            fact += " " + more[1].decode("latin-1").strip()
-            line += 1
-        if mark is not None:
+        if mark := _ADDED.fullmatch(fact):
             layer.added |= dict.fromkeys(range(line, line + int(mark[1])), mark[2])
             line += int(mark[1])
             counted += int(mark[1])
-        elif not _take_fact(layer, fact):
+            continue
+        taken = _take_fact(layer, fact)
+        # What is too long for its line goes on in the next one.
+        while (not taken or fact.lower().endswith("sha256")) and line < shifted.blocks:
+            more = _MORE.fullmatch(shifted.text(line))
+            if more is None:
+                break
+            fact += " " + more[1].decode("latin-1").strip()
+            taken, line = _take_fact(layer, fact), line + 1
+        if not taken:
             findings.add("header", f"the header has an unknown line: {fact[:40]}", compensated=first)
     findings.count("moves of further axes", counted)
     return layer

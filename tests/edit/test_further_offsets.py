@@ -4,6 +4,7 @@ import math
 import random
 import re
 
+import msgspec
 import pytest
 from support.corpus import stepper
 
@@ -212,6 +213,15 @@ def test_moves_of_its_own_keep_within_the_time_allowed():
     assert b"crossing A" not in result.program()
     assert "--max-slowdown" in result.not_compensated
     assert b"crossing A" in compensated(text, machine(), max_slowdown=10.0).program()
+
+
+def test_facts_may_go_on_in_a_second_line_and_comments_of_the_program_stay_its_own():
+    text = f"(  indented)\n{HEAD}{CONTINUOUS}M2\n"
+    how = machine(dialect="grbl")
+    how = msgspec.structs.replace(how, name="the old mill with a rotary table in the corner by the window")
+    result = compensated(text, how)
+    assert b"\n(  indented)\n" in result.program()
+    assert result.axes == ("A",)
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
