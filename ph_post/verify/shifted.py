@@ -183,8 +183,8 @@ def _check_lines(original: PartProgram, shifted: PartProgram, layer: _Layer, fin
                 what = f"{letter} is shifted by something other than the declared offset"
                 findings.add("offset", what, original=old, compensated=new, expected=str(layer.axes[letter].number))
     for line in layer.added:
-        letters = {chr(shifted.words.letter[word]) for word in shifted.words_of(line)}
-        if not (letters & layer.axes.keys() and letters <= {*layer.axes, "G", "F"}):
+        own = {chr(shifted.words.letter[word]) for word in shifted.words_of(line)}
+        if not (own & layer.axes.keys() and own <= {*layer.axes, "G", "F"}):
             findings.add("text", "an added line is more than a move of such an axis", compensated=line)
 
 
