@@ -12,12 +12,20 @@ References
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from ph_post.drive.cascade import MovedBody, engaged_body, offset_of_force, offset_of_motion, steady_offset
+from ph_post.drive.cascade import (
+    MovedBody,
+    engaged_body,
+    memory_of_inverse,
+    offset_of_force,
+    offset_of_motion,
+    steady_offset,
+)
 from ph_post.types import Array, Axis, Servo, frozen
 
 
@@ -90,6 +98,13 @@ def lead_when_steady(axis: Axis, speed: Array, acceleration: Array) -> Array:
 def remembers(servo: Servo) -> bool:
     """Whether the lead depends on more of a motion than one place of it."""
     return bool(servo.ki_over_kp or servo.kd_over_kp) or servo.cascade is not None
+
+
+def lead_memory(servo: Servo) -> float:
+    """Return the time constant in which a cascade's lead of a force that steps dies away [s]; 0 of a single loop."""
+    if servo.cascade is None:
+        return 0.0
+    return max(memory_of_inverse(servo.cascade), 1.0 / (servo.cascade.integral_rate or math.inf))
 
 
 def error_for(servo: Servo, output: Array, period: float) -> Array:

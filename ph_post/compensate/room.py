@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ph_post.compensate.friction import friction_of_machine, friction_share
-from ph_post.compensate.inverse import lead_of_force, lead_of_motion, lead_when_steady, remembers
+from ph_post.compensate.inverse import lead_memory, lead_of_force, lead_of_motion, lead_when_steady, remembers
 from ph_post.compensate.lead import LeadWindow, let_go, smoothed
 from ph_post.compensate.limit_curve import AxisLimits
 from ph_post.compensate.motion import MotionLaw, row_times
@@ -30,6 +31,9 @@ _WIDE = 4.0
 
 _STILL = 1e-9
 """Speed of an axis [m/s] below which it has no direction."""
+
+_FADED = 5.0
+"""Time constants after which little is left of a step in a lead."""
 
 _STRICTER = 0.97
 """Part of the limits that is made room for: in the end rows, and the cells of the speed, lie at other places."""
@@ -117,7 +121,7 @@ class LeadRoom:
         in_profile = _around(motion.window[motion.phase_at(rows.t)] >= 0, half + _REACH)[row]
         if self.friction:
             # Where an axis turns round its friction is led by a change of its own.
-            factor = np.where(_around(turns, 2 * _REACH)[row], factor, np.minimum(factor, rubbing))
+            factor = np.where(turns[row], factor, np.minimum(factor, rubbing))
         factor = np.where(in_profile, without, factor)
         factor[~rows.inside(half + _REACH)[row]] = 1.0
         stretch = runs(np.flatnonzero(factor < 1.0))
@@ -150,7 +154,10 @@ class LeadRoom:
         return found
 
     def _friction(self, speed: Array) -> tuple[Array, BoolArray]:
-        """Share of friction (n, dim) in the command by the direction of motion, and the rows in which that turns."""
+        """Share of friction (n, dim) in the command by the direction of motion, and the rows in which that turns.
+
+        Of a cascade they last until the step has died away in its lead.
+        """
         share, turns = np.zeros_like(speed), np.zeros(len(speed), dtype=np.bool_)
         for k, axis in enumerate(self.drives):
             moves = np.flatnonzero(np.abs(speed[:, k]) > _STILL)
@@ -159,7 +166,8 @@ class LeadRoom:
                 turned = np.sign(speed[last, k])
                 own = friction_share(self.friction[axis.name], turned, speed[:, k])
                 share[:, k] = lead_of_force(axis, own, self.limits.period)
-                turns[1:] |= np.diff(turned) != 0.0
+                reach = 2 * _REACH + math.ceil(_FADED * lead_memory(axis.servo) / self.limits.period)
+                turns |= _around(np.diff(turned, prepend=turned[:1]) != 0.0, reach)
         return share, turns
 
     def _lead(self, speed: Array, acceleration: Array) -> Array:
