@@ -9,7 +9,6 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate.offsets import DWELL, make_jog
-from ph_post.dialects.base import Dialect
 from ph_post.drive.cascade import response_time
 from ph_post.edit.block_words import words_by_letter
 from ph_post.edit.crossing_costs import CrossingCosts
@@ -31,8 +30,8 @@ from ph_post.edit.reversals import (
     SHARE,
     SIGN,
 )
-from ph_post.gcode.program import AXES, PartProgram
-from ph_post.types import Array, IntArray, Machine
+from ph_post.gcode.program import AXES
+from ph_post.types import Array, IntArray
 
 
 class CrossingSearch:
@@ -40,43 +39,18 @@ class CrossingSearch:
 
     Parameters
     ----------
-    program : PartProgram
-    machine : Machine
-    dialect : Dialect
-    sides : mapping of str to tuple
-        Offsets [m] of each axis while it moves to minus and to plus.
-    feed : Array, shape (m,)
-        Speed of the path in every motion [m/s].
-    low : IntArray, shape (s,)
-        First motion of every section, of which changes name the one in which they begin.
+    ground : CrossingGround
     whole : IntArray, shape (c,)
         First motion of what is shifted by itself: chains and their parts. Restarts name it.
-    overshoot : mapping of str to float
-        From how far beyond its place each axis comes in the air [m].
     restarts : collection of Restart
-    part_side : {0, 1, -1}
-        1 where the part is on the left of the path, -1 where on its right, 0 where that is not known.
     """
 
-    def __init__(
-        self,
-        program: PartProgram,
-        machine: Machine,
-        dialect: Dialect,
-        sides: Mapping[str, tuple[float, float]],
-        feed: Array,
-        low: IntArray,
-        whole: IntArray,
-        overshoot: Mapping[str, float],
-        restarts: Collection[Restart] = (),
-        *,
-        part_side: int = 0,
-    ) -> None:
-        self.ground = CrossingGround(program, machine, dialect, sides, feed, low, overshoot, part_side=part_side)
-        self._costs = CrossingCosts(self.ground)
-        self._spots = SpotSearch(self.ground, self._costs)
+    def __init__(self, ground: CrossingGround, whole: IntArray, restarts: Collection[Restart] = ()) -> None:
+        self.ground = ground
+        self._costs = CrossingCosts(ground)
+        self._spots = SpotSearch(ground, self._costs)
         self._restarts = restarts
-        self._chain_of = np.searchsorted(whole, low, side="right") - 1
+        self._chain_of = np.searchsorted(whole, ground.low, side="right") - 1
 
     def cost(self, changes: Mapping[str, Array], coarser: float = 1.0) -> float:
         """Return the time [s] that changes cost."""

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.dialects.base import Dialect
-from ph_post.edit.crossing_ground import APPROACH
+from ph_post.edit.crossing_ground import APPROACH, CrossingGround
 from ph_post.edit.crossing_search import CrossingSearch
 from ph_post.edit.edits import EditOptions
 from ph_post.edit.positions import approach_again, find_restarts, position_from, resting_places
@@ -112,18 +112,17 @@ class ReversalSearch:
         restarts = find_restarts(program, self.times, late=options.max_slowdown >= LITTLE)
         chain = np.searchsorted(self._whole, [one.first for one in restarts], side="right") - 1
         self._restarts = [replace(one, chain=number) for one, number in zip(restarts, chain.tolist(), strict=True)]
-        self.crossings = CrossingSearch(
+        ground = CrossingGround(
             program,
             machine,
             dialect,
             sides,
             self._feed,
             self.low,
-            self._whole,
             self._overshoot,
-            self._restarts,
             part_side=options.part_side,
         )
+        self.crossings = CrossingSearch(ground, self._whole, self._restarts)
         self._given_up: dict[tuple[str, str], set[int]] = {}
         self.for_now: list[tuple[str, int, str]] = []
 
