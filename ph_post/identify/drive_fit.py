@@ -37,6 +37,10 @@ FAR: Final = math.log(50.0)
 MOST: Final = 5e-3
 """Widest gap and largest friction [m]."""
 
+QUICKEST: Final = 0.05
+"""Shortest b/c, 1/ω_v or delay of a current loop in a fit, in periods of the log: shorter ones look alike, and
+take ever longer to run."""
+
 DAMPED: Final = 0.98
 """Largest part of the axis' damping that the motor may have: the load keeps some."""
 
@@ -196,7 +200,7 @@ def _values(plant: Plant, names: Sequence[str]) -> Array:
 
 
 def _fit_once(problem: AxisProblem, plant: Plant, names: Sequence[str], known: DrivePrior) -> Plant:
-    numbers = [free_number(name, plant) for name in names]
+    numbers = [_slowed(free_number(name, plant), plant, problem.period) for name in names]
     weights = weights_of(problem, residuals(problem, plant), problem.fit)
 
     def rows(unknowns: Array) -> Array:
@@ -219,6 +223,18 @@ def _fit_once(problem: AxisProblem, plant: Plant, names: Sequence[str], known: D
         gtol=1e-10,
     )
     return with_numbers(plant, numbers, found.x)
+
+
+def _slowed(number: FreeNumber, plant: Plant, period: float) -> FreeNumber:
+    """Keep a loop from becoming quicker than any that a log of that period tells apart."""
+    shortest, here = QUICKEST * period, number.read(plant)
+    if number.name == "b":
+        return number._replace(low=max(number.low, min(here, math.log(shortest * plant.c))))
+    if number.name == "velocity_gain":
+        return number._replace(high=min(number.high, max(here, -math.log(shortest))))
+    if number.name == "current_time":
+        return number._replace(low=max(number.low, shortest / MS))
+    return number
 
 
 def with_numbers(plant: Plant, numbers: Sequence[FreeNumber], unknowns: Array) -> Plant:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from support.cascade_plant import Drive
 
 from ph_post.cli.main import main
@@ -126,3 +127,16 @@ def test_a_single_loop_stays_one() -> None:
     plant = Plant("load", b=2e-4, c=2e-2, gap=3e-5)
     found = identify(recorder.record(plant, to_and_fro(np.random.default_rng(4))), feedback={"X": "load"})
     assert found.machine.axes["X"].servo.cascade is None
+
+
+@pytest.mark.slow
+def test_a_loop_without_inertia_is_no_quicker_than_a_log_tells() -> None:
+    """A first-order lag: nothing holds b up, and the smaller it is, the longer a run of the model takes."""
+    recorder = Recorder(channels=("motor",), rng=np.random.default_rng(5))
+    still = recorder.record(Plant("motor", b=1e-4, c=2e-2), to_and_fro(np.random.default_rng(6), 1))
+    command = still.axes["X"].command
+    lag = 4e-3
+    motor = lfilter([1.0 - np.exp(-still.period / lag)], [1.0, -np.exp(-still.period / lag)], command)
+    log = recorder.log(command, {"motor": motor, "act": motor, "force": 0.0 * motor}, 1.0)
+    servo = identify(log, feedback={"X": "motor"}).machine.axes["X"].servo
+    assert servo.b / servo.c > 0.04 * log.period  # of a cascade 1/ω_v
