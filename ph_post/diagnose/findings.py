@@ -19,7 +19,7 @@ from ph_post.diagnose.sides import SidesGap, gap_between
 from ph_post.drive.axes import backlash_varies
 from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
-from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, FITTED, cascade_values
+from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, NAMES, cascade_values
 from ph_post.identify.estimates import KEYS, relative_uncertainty, with_keys
 from ph_post.identify.free_run import AxisProblem, mean_square, predict, residuals
 from ph_post.quantities import micrometres
@@ -41,9 +41,6 @@ _SHOP: Final = {
 }
 """Unit and its size of numbers of the axis itself."""
 
-
-GAINS: Final = {CASCADE_NUMBERS[name].field: name for name in FITTED}
-"""Names of what is fitted of a cascade, by its fields."""
 
 LEFT: Final = 2.0
 """Times the noise above which what is left at the end is looked at."""
@@ -316,8 +313,8 @@ def _prior_keys(outcome: AxisDiagnosis) -> dict[str, float]:
             continue
         if prior.field in ("b", "c") and axis.servo.cascade is None:
             keys[prior.field] = float(f"{getattr(axis.servo, prior.field) * factor:.7g}")
-        elif prior.field in GAINS and axis.servo.cascade is not None:
-            name = GAINS[prior.field]
+        elif prior.field in NAMES and axis.servo.cascade is not None:
+            name = NAMES[prior.field]
             value = max(prior.moved(getattr(axis.servo.cascade, prior.field), model.off[k]), 0.0)
             moved = CASCADE_NUMBERS[name].of(replace(axis.servo.cascade, **{prior.field: value}))
             if moved is not None:

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from ph_post.drive.cascade import is_stable
 from ph_post.drive.plant import Plant, base_value, with_base_value
-from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, FITTED, with_cascade_values
+from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, FITTED, NAMES, with_cascade_values
 from ph_post.identify.drive_fit import (
     EARNS,
     MAY_BE_NONE,
@@ -39,9 +39,6 @@ from ph_post.identify.free_run import AxisProblem, residuals, weighted_residuals
 from ph_post.types import Array, Axis, AxisLog, Cascade, Servo
 from ph_post.types.diagnosis import Channel, Estimate, IdentifiedDrive, Origin
 from ph_post.units import MICROMETRE, MM, MS
-
-NAMES: Final = {number.field: name for name, number in CASCADE_NUMBERS.items()}
-"""Names of a cascade's numbers by its fields."""
 
 GAINS: Final = tuple(CASCADE_NUMBERS[name].field for name in FITTED)
 """Fields that are fitted in any case."""

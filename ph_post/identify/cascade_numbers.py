@@ -52,6 +52,9 @@ CASCADE_NUMBERS: Final[Mapping[str, CascadeNumber]] = {
 }
 """By the names of parameters. What any log is fitted by comes first, then what few drives have."""
 
+NAMES: Final = {number.field: name for name, number in CASCADE_NUMBERS.items()}
+"""Names of a cascade's numbers by its fields."""
+
 FITTED: Final = tuple(CASCADE_NUMBERS)[:5]
 """Those that any log is fitted by."""
 

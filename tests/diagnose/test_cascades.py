@@ -69,7 +69,7 @@ def test_hidden_effects(hidden: Callable[[], Log], expected: dict[str, float]) -
     assert found.steps[-1].holdout_rms < 1.5 * NOISE
 
 
-def in_the_loop(machine: Machine, gap: float, side: str) -> Machine:
+def in_the_loop(machine: Machine, gap: float) -> Machine:
     axis = machine.axes["X"]
     servo = replace(axis.servo, c=axis.servo.c + ETA * BETA * axis.servo.b)
     gapped = Gap(lost_motion=gap, inertia_fraction=ETA, beta=BETA, pickup="standstill")
@@ -83,7 +83,7 @@ def test_gap_in_the_loop(side: str, monkeypatch: pytest.MonkeyPatch) -> None:
     command = moves()
     table = two_bodies(KNOWN, command, 3e-5, ETA, BETA, ETA * BETA, "standstill", side)
     for filed, expected in ((3e-5, {}), (0.0, {"backlash": pytest.approx(0.030, rel=0.02)})):
-        machine = in_the_loop(machine_of(KNOWN, velocity_feedback=side), filed, side)
+        machine = in_the_loop(machine_of(KNOWN, velocity_feedback=side), filed)
         assert named(diagnose(log_of(command, {"act": table}, 1), machine)) == expected
 
 
