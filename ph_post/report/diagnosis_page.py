@@ -6,11 +6,12 @@ Residuals are reduced over time, by position, and by the time since the axis rev
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.geometry.numeric import zigzag
 from ph_post.quantities import with_error
@@ -180,7 +181,7 @@ def diagnosis_page(
             {key: with_error(value.value, value.stderr) for key, value in one.parameters.items()}
             for one in diagnosis.findings
         ],
-        "trails": [_trail(one, diagnosis, efforts) for one in diagnosis.trails],
+        "trails": list(_trails(diagnosis, efforts)),
     }
     title = f"ph-post diagnose {name}".rstrip()
     return make_page("diagnosis", title, data, diagnosis_lines(diagnosis, efforts))
@@ -200,13 +201,30 @@ def channel_noise(trail: ResidualTrace, diagnosis: Diagnosis) -> float:
     return known[0].noise if known else math.nan
 
 
-def _trail(trail: ResidualTrace, diagnosis: Diagnosis, efforts: Mapping[str, str]) -> dict[str, Any]:
-    """Return what is drawn of one channel: residuals in its unit, times in s, positions in mm."""
-    unit, size = residual_scale(trail.axis, trail.channel, efforts)
+def _trails(diagnosis: Diagnosis, efforts: Mapping[str, str]) -> Iterator[dict[str, Any]]:
+    """Yield what is drawn of each channel, and of the difference of both sides of an axis, which knows no servo."""
+    channels = {(one.axis, one.channel): one for one in diagnosis.trails}
+    for trail in diagnosis.trails:
+        unit, size = residual_scale(trail.axis, trail.channel, efforts)
+        noise = channel_noise(trail, diagnosis)
+        yield _trail(trail, f"{trail.axis}_{trail.channel}", unit, size, noise)
+        other = channels.get((trail.axis, "motor"))
+        if trail.channel == "act" and other is not None:
+            apart = replace(
+                other,
+                before=other.before - trail.before,
+                after=other.after - trail.after,
+                counted=other.counted & trail.counted,
+            )
+            both = math.hypot(noise, channel_noise(other, diagnosis))
+            yield _trail(apart, f"{trail.axis}_motor − {trail.axis}_act", unit, size, both)
+
+
+def _trail(trail: ResidualTrace, name: str, unit: str, size: float, noise: float) -> dict[str, Any]:
+    """Return what is drawn of residuals: in their unit, times in s, positions in mm."""
     drawn = envelope(trail, POINTS)
-    noise = channel_noise(trail, diagnosis)
     return {
-        "name": f"{trail.axis}_{trail.channel}",
+        "name": name,
         "axis": trail.axis,
         "unit": unit,
         "noise": noise / size if math.isfinite(noise) else None,

@@ -101,6 +101,16 @@ def test_residuals_are_told_in_the_units_of_the_shop():
     assert act["position"]["1"]["x"][-1] == pytest.approx(49.5)  # mm
 
 
+def test_the_difference_of_both_sides_is_drawn():
+    table, motor = trail(4000), trail(4000, channel="motor")
+    motor = replace(motor, before=0.5 * motor.before, after=motor.after - 1e-6)
+    made = data_of(diagnosis_page(diagnosis(trails=(table, motor))))["trails"]
+    assert [one["name"] for one in made] == ["X_act", "X_motor − X_act", "X_motor"]
+    before = 1e6 * np.sqrt(np.mean((motor.before - table.before)[table.held_out & table.counted] ** 2))
+    assert made[1]["rms"]["held_out"] == pytest.approx([before, 1.0])
+    assert made[1]["unit"] == "µm"
+
+
 def test_a_minute_at_1_khz_stays_a_small_file():
     page = diagnosis_page(diagnosis(trails=(trail(60_000), trail(60_000, axis="Y"))))
     assert len(page) < 1_000_000
