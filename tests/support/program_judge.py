@@ -235,8 +235,10 @@ def without_offsets(
             if not stands[own.moves[begin].line].new:
                 exact[rows] = original.nearest_on(free[rows], among) if among else done[-1].end
             else:
-                exact[rows] = along(run(among, DENSE).motor, share[:, 0]) if among else done[-1].end
-                free[rows] = run_along(plain, among, share[:, 0]) if among else exact[rows]
+                # What is added between two moves is where the first of them ends.
+                passed = share[:, 0] if among else np.ones(rows.size)
+                exact[rows] = along(run(among or done[-1:], DENSE).motor, passed)
+                free[rows] = run_along(plain, among or done[-1:], passed)
         before, begin = after, end
     return free, exact
 
