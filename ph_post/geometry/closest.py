@@ -72,7 +72,7 @@ def points_at(pieces: Array, control: Array, row: IntArray, s: Array) -> Array:
 
 @compiled
 def follow_path(
-    pieces: Array, starts: Array, position: Array, low: Array, high: Array, reach: float, wide: float
+    pieces: Array, starts: Array, position: Array, low: Array, reach: float, wide: float
 ) -> tuple[IntArray, Array]:
     """Follow a command along a path of lines and arcs: the piece of every row, and how far along it is [m].
 
@@ -84,8 +84,8 @@ def follow_path(
         Length before each piece, and of all [m].
     position : Array, shape (m, 3)
         The command [m].
-    low, high : Array, shape (m,)
-        Places between which that of each row is [m].
+    low : Array, shape (m,)
+        Place before which that of each row is not [m].
     reach, wide : float
         How far off the way travelled a place is looked for [m], and how far where none is found within
         `reach` of the command.
@@ -97,11 +97,10 @@ def follow_path(
     for row in range(count):
         if row > 0:
             expected += math.sqrt(_square(position[row], position[row - 1]))
-        least, most = low[row], high[row]
-        s, expected = min(max(s, least), most), min(max(expected, least), most)
-        off, k, new = _best(pieces, starts, position[row], at, s, expected, least, most, reach, work)
+        s, expected = max(s, low[row]), max(expected, low[row])
+        off, k, new = _best(pieces, starts, position[row], at, s, expected, low[row], reach, work)
         if off > reach * reach:
-            off, k, new = _best(pieces, starts, position[row], at, s, expected, least, most, wide, work)
+            off, k, new = _best(pieces, starts, position[row], at, s, expected, low[row], wide, work)
         at, s = k, new
         expected += TRUST * (s - expected)
         piece[row], place[row] = at, s
@@ -379,23 +378,22 @@ def _best(
     s: float,
     expected: float,
     low: float,
-    high: float,
     reach: float,
     work: Array,
 ) -> tuple[float, int, float]:
     """Squared distance, piece and place of the best place from `reach` before to `reach` behind s and the expected.
 
-    It is between `low` and `high`.
+    It is not before `low`.
     """
     last = pieces.shape[0] - 1
     least, best, best_piece, best_s = math.inf, math.inf, at, s
     k = at
     while k > 0 and starts[k] > min(s, expected) - reach:
         k -= 1
-    while k <= last and starts[k] <= min(max(s, expected) + reach, high):
-        begin, end = max(low - starts[k], 0.0), min(high - starts[k], pieces[k, EXTENT])
-        if begin <= end:
-            local = _closest_on_arc(pieces, k, x, expected - starts[k], begin, end, work)
+    while k <= last and starts[k] <= max(s, expected) + reach:
+        begin = max(low - starts[k], 0.0)
+        if begin <= pieces[k, EXTENT]:
+            local = _closest_on_arc(pieces, k, x, expected - starts[k], begin, pieces[k, EXTENT], work)
             _put_on_arc(pieces, k, local, work)
             off = PREFERENCE * (starts[k] + local - expected)
             square = _square(x, work)

@@ -43,6 +43,9 @@ WAYS = 3.0
 """A move of one axis behind a rapid by at most so many of its gaps only winds it up."""
 
 
+ROUNDED = 10.0
+"""A controller that makes one line of several may round a corner so far [mm] before and behind it."""
+
 NEAR, LONG = 0.2, 5.0
 """A table is no farther from where it would be without backlash than so much [mm], and so many of the largest gap."""
 
@@ -322,7 +325,7 @@ def windows(
         known, which = np.unique(lines[own], return_inverse=True)
         low, high = np.array([original.samples(k, *stands[line][:2]) for line in known.tolist()]).T[:, which]
         low = np.append(np.zeros(rows, dtype=np.int64), np.minimum.accumulate(low[::-1])[::-1])[: own.size]
-        slack = math.ceil(beyond / DENSE)
+        slack = math.ceil((beyond + ROUNDED) / DENSE)
         found[own] = np.stack([low - slack, np.maximum.accumulate(high) + slack], axis=1)
     return found
 

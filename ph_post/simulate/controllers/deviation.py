@@ -124,16 +124,12 @@ class CutPath:
         """
         position = self.in_space(command.axes, command.position)
         reach = self._reach(command.axes, command.position)
-        low, high = np.zeros(len(position)), np.full(len(position), self.starts[-1])
+        low = np.zeros(len(position))
         if known is not None:
-            motion, of_legs = np.maximum(command.segment, 0), self.legs.motion
-            # Where a corner is rounded, a motion ends on the next one that goes anywhere.
-            first, end = (np.searchsorted(of_legs, one[motion]) for one in (known.first, known.end))
-            after = np.searchsorted(of_legs, of_legs[np.minimum(end, of_legs.size - 1)], side="right")
-            # A row may be the last of a motion, or the first of the next.
-            beyond = reach + np.diff(command.s, prepend=0.0)
-            low, high = self.starts[first] - beyond, np.maximum(self.starts[first], self.starts[after]) + beyond
-        return follow_path(self._pieces, self.starts, position, low, high, reach, WIDE)
+            # Rows of a rounded corner are all of one motion, however many it cuts short.
+            low = self.joint_places(known.first[np.maximum(command.segment, 0)])
+            low -= reach + 0.5 * WIDE + np.diff(command.s, prepend=0.0)
+        return follow_path(self._pieces, self.starts, position, low, reach, WIDE)
 
     def closest_on_motions(self, position: Array, place: Array, first: IntArray, end: IntArray) -> Array:
         """Return the places (n,) along the program [m] where motions of it are closest to positions (n, 3) [m].

@@ -7,10 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from support.random_cuts import random_cut
 
 import ph_post as ph
 from ph_post.gcode.read import read_program
 from ph_post.simulate.controllers.counterparts import counterparts
+from ph_post.simulate.controllers.deviation import program_error
+from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Gap, Limits, Servo
 
 LIMITS = {"X": (0.1, 1.34), "Y": (0.06, 0.46), "Z": (0.1, 0.81)}
@@ -39,6 +42,17 @@ def test_no_cut_is_lost_behind_a_rapid_that_goes_back_beside_itself(mode: str, t
     for one in (found.before, found.after):
         seconds = np.count_nonzero(one.cut.counted) * machine.servo_period
         assert seconds == pytest.approx(5.5 / 2.0 + 4.106 / 10.0, abs=0.05)
+
+
+def test_rows_of_rounded_corners_between_linked_lines_are_beside_the_path() -> None:
+    """Motors that do not lag leave tables no farther than the backlash and the tolerance of the controller."""
+    job = random_cut(224)
+    program = read_program(job.text.encode(), "part.ngc")
+    assert "G64 P0.02" in job.text
+    assert job.machine.axes["X"].servo.c == 0.0
+    found = program_error(run_program(program, job.machine), job.machine, program, moved_by=program).error
+    assert found is not None
+    assert found.max < np.linalg.norm([axis.gap.lost_motion for axis in job.machine.axes.values()]) + 20e-6
 
 
 def test_motions_stand_for_those_of_the_lines_that_they_are_in() -> None:
