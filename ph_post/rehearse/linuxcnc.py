@@ -25,6 +25,11 @@ from ph_post.progress import Progress, no_progress
 from ph_post.types import Array, BoolArray, IntArray, Limits, Machine, sealed
 from ph_post.units import MM
 
+_HERE = pathlib.Path(__file__).parent
+
+IDEAL: Final = _HERE / "machine.hal"
+"""HAL file of ideal motors."""
+
 REACH_MM: Final = 1e6
 """Soft limits and the following error that stops a joint [mm]: none."""
 
@@ -40,16 +45,18 @@ START_UP_CODE: Final = "G21 G17 G90 G94 G40 G49 G54 G64"
 NANOSECOND: Final = 1e-9
 
 
-def write_configuration(folder: pathlib.Path, machine: Machine, backlash: Mapping[str, float]) -> pathlib.Path:
+def write_configuration(
+    folder: pathlib.Path, machine: Machine, backlash: Mapping[str, float], hal: pathlib.Path = IDEAL
+) -> pathlib.Path:
     """Write ini, tool table and parameters into a folder; `backlash` [m] by axis is LinuxCNC's own."""
     (folder / "machine.tbl").write_text("".join(f"T{n} P{n} Z0\n" for n in range(1, TOOLS + 1)))
     (folder / "machine.var").write_text("")
     ini = folder / "machine.ini"
-    ini.write_text(_ini_text(folder, machine, backlash))
+    ini.write_text(_ini_text(folder, machine, backlash, hal))
     return ini
 
 
-def _ini_text(folder: pathlib.Path, machine: Machine, backlash: Mapping[str, float]) -> str:
+def _ini_text(folder: pathlib.Path, machine: Machine, backlash: Mapping[str, float], hal: pathlib.Path) -> str:
     # It always runs with three joints; those that the machine lacks get the limits of its fastest.
     limits = [_limits(machine, name) for name in AXES]
     velocity = math.hypot(*(one.velocity for one in limits)) / MM
@@ -69,7 +76,7 @@ def _ini_text(folder: pathlib.Path, machine: Machine, backlash: Mapping[str, flo
             "COMM_TIMEOUT": 5.0,
             "SERVO_PERIOD": round(machine.servo_period / NANOSECOND),
         },
-        "HAL": {"HALFILE": _HERE / "machine.hal"},
+        "HAL": {"HALFILE": hal},
         "PH_POST": {"ROWS": RING},
         "TRAJ": {
             "COORDINATES": "X Y Z",
@@ -177,7 +184,6 @@ _END: Final = b"\nM2\n"
 """Other controllers take a program that just stops; behind an end of its own nothing is read any more."""
 
 _PAGE: Final = 4096
-_HERE = pathlib.Path(__file__).parent
 
 
 class NotInstalledError(PhPostError):
@@ -215,7 +221,7 @@ def run_on_linuxcnc(
     limit: float = TIME_LIMIT,
     progress: Progress = no_progress,
 ) -> PlannerRecording:
-    """Run a program on LinuxCNC's own interpreter, planner and servo thread.
+    """Run a program on LinuxCNC's own interpreter, planner and servo thread, with ideal motors.
 
     The machine begins at the origin of all systems. Of several callers one runs at a time, the others wait.
 
@@ -240,6 +246,24 @@ def run_on_linuxcnc(
     InputError
         Where LinuxCNC refuses the program, or does not come to its end in time.
     """
+    rows, lockstep = record_on_linuxcnc(program, name, machine, backlash=backlash or {}, limit=limit, progress=progress)
+    return _recording(rows, machine.servo_period, name, lockstep)
+
+
+def record_on_linuxcnc(
+    program: bytes,
+    name: str,
+    machine: Machine,
+    *,
+    hal: pathlib.Path = IDEAL,
+    backlash: Mapping[str, float],
+    limit: float = TIME_LIMIT,
+    progress: Progress = no_progress,
+) -> tuple[bytes, bool]:
+    """Run a program on LinuxCNC with a HAL file; what `halsampler` wrote, and whether it ran in lockstep.
+
+    The HAL file has to load kinematics, motion and one sampler; the rest is as for :func:`run_on_linuxcnc`.
+    """
     if not is_installed():
         raise NotInstalledError(f"LinuxCNC is not installed; install it with: {INSTALL}")
     with (
@@ -247,19 +271,17 @@ def run_on_linuxcnc(
         exclusive_linuxcnc(progress),
     ):
         folder = pathlib.Path(place)
-        lockstep = _prepare(folder, program, machine, backlash or {}, limit)
+        write_configuration(folder, machine, backlash, hal)
+        lockstep = _prepare(folder, program if machine.dialect == "linuxcnc" else program + _END, limit)
         log = _run(folder, limit)
         _require_end(folder, name, limit, log)
-        return _recording(folder, machine.servo_period, name, lockstep)
+        return (folder / "rows.txt").read_bytes(), lockstep
 
 
-def _prepare(
-    folder: pathlib.Path, program: bytes, machine: Machine, backlash: Mapping[str, float], limit: float
-) -> bool:
-    """Write all that LinuxCNC reads; whether it will run in lockstep."""
+def _prepare(folder: pathlib.Path, program: bytes, limit: float) -> bool:
+    """Write the program and what runs it; whether it will run in lockstep."""
     folder.chmod(0o777)  # what runs beside the servo thread does so as nobody
-    (folder / "program.ngc").write_bytes(program if machine.dialect == "linuxcnc" else program + _END)
-    write_configuration(folder, machine, backlash)
+    (folder / "program.ngc").write_bytes(program)
     display = folder / "display"
     display.write_text("#!/usr/bin/python3\n" + (_HERE / "display.py").read_text())
     display.chmod(0o755)
@@ -371,22 +393,22 @@ def _tool(folder: pathlib.Path, *words: str) -> subprocess.CompletedProcess[byte
     return subprocess.run(words, env=environment, capture_output=True, timeout=_SHUT_DOWN, check=False)  # noqa: S603
 
 
-def _recording(folder: pathlib.Path, period: float, name: str, lockstep: bool) -> PlannerRecording:
-    lines = (folder / "rows.txt").read_bytes().splitlines()
+def _recording(rows: bytes, period: float, name: str, lockstep: bool) -> PlannerRecording:
+    lines = rows.splitlines()
     lost = sum(b"overrun" in line for line in lines)
     if lost:
         raise InputError(name, f"the recording has {lost} gaps; the machine is too busy, try again")
-    table = np.loadtxt(folder / "rows.txt", ndmin=2)
+    table = np.loadtxt(lines, ndmin=2)
     position, motor = table[:, 1:4] * MM, table[:, 4:7] * MM
     moving = np.flatnonzero((np.diff(motor, axis=0) != 0.0).any(axis=1))
     if moving.size == 0:
         raise InputError(name, "the program moves nothing")
-    rows = slice(int(moving[0]), int(moving[-1]) + 2)
+    moved = slice(int(moving[0]), int(moving[-1]) + 2)
     return PlannerRecording(
         period=period,
-        position=sealed(position[rows].copy()),
-        motor=sealed(motor[rows].copy()),
-        line=table[rows, 7].astype(np.int64) - 1,
-        settled=table[rows, 8] > 0.5,
+        position=sealed(position[moved].copy()),
+        motor=sealed(motor[moved].copy()),
+        line=table[moved, 7].astype(np.int64) - 1,
+        settled=table[moved, 8] > 0.5,
         lockstep=lockstep,
     )
