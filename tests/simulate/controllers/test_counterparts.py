@@ -48,11 +48,11 @@ def test_rows_of_rounded_corners_between_linked_lines_are_beside_the_path() -> N
     """Motors that do not lag leave tables no farther than the backlash and the tolerance of the controller."""
     job = random_cut(224)
     program = read_program(job.text.encode(), "part.ngc")
-    assert "G64 P0.02" in job.text
+    assert "G64 P0.005" in job.text
     assert job.machine.axes["X"].servo.c == 0.0
     found = program_error(run_program(program, job.machine), job.machine, program, moved_by=program).error
     assert found is not None
-    assert found.max < np.linalg.norm([axis.gap.lost_motion for axis in job.machine.axes.values()]) + 20e-6
+    assert found.max < np.linalg.norm([axis.gap.lost_motion for axis in job.machine.axes.values()]) + 5e-6
 
 
 def test_motions_stand_for_those_of_the_lines_that_they_are_in() -> None:
