@@ -48,7 +48,7 @@ HEAT: Final = 4
 HEATS: Final = 3
 """Times that as many are tried where nothing of those before could be proven."""
 
-LONG: Final = 100_000
+LONG: Final = 50_000
 """Rows beyond which a job is long."""
 
 LEADS: Final = 0.5
