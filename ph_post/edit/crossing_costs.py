@@ -95,9 +95,7 @@ class CrossingCosts:
         onto_side = in_air & (rows[:, SIGN] != 0.0)
         reserve = max(0.5 * (self._ground.overshoot[axis.name] - axis.gap.lost_motion), RESIDUE)
         whole, part = _settled(axis, RESIDUE), _settled(axis, reserve)
-        # Z could only be called back from above what the rapid says, if that says anything.
-        sooner = (whole > part + SOONER) & ((axis.name != "Z") | (rows[:, SIGN] < 0.0))
-        beyond = onto_side & (first | (rows[:, BEYOND] == 1.0) | sooner)
+        beyond = onto_side & (first | (rows[:, BEYOND] == 1.0) | (whole > part + SOONER))
         pause = np.where(in_air, 0.0, self._pause(axis, coarser))
         cut = onto_side & (np.append(kind, RAPID)[motion + 1] != RAPID)
         ahead = np.where(beyond, part, np.where(onto_side, whole, pause))

@@ -200,11 +200,10 @@ class CrossingSearch:
         if far:
             velocity, beyond = 0.0, self.ground.overshoot[name]
             named = name in words_by_letter(self.ground.program, int(self.ground.program.motions.block[motion]))
-            if name == "Z" and sign > 0.0:
-                # A tool is never sent below the height that is programmed: from above onto a side, then through it.
-                ways = [-beyond, lost]
-            else:
-                ways = [sign * beyond] if named else [travel - sign * beyond, sign * beyond]
+            # A tool is never sent below the height that is programmed: from above onto a side, then through it.
+            ways = [-beyond, lost] if name == "Z" and sign > 0.0 else [sign * beyond]
+            if not named:
+                ways = [travel - sum(ways), *ways]
         elif not behind_rapid and (sign == 0.0 or spots.before[n] == 0):
             # Behind the last cut the path rests anyway, and where no rapid led to the first place it has to once.
             pause = arrives = max(pause, DWELL)
