@@ -31,6 +31,10 @@ _HALTS: Final = (0, 1, 60, *STOPS)
 """M words that are obeyed behind the motion of their block."""
 
 
+WordValues = list[tuple[LineWord, float]]
+"""The words of a line with their values."""
+
+
 class BlockRunner:
     """Runs blocks, and writes them out to `lines`.
 
@@ -75,11 +79,11 @@ class BlockRunner:
         """
         if line.fault is not None:
             raise line.fault
-        values = [self._value(word) for word in line.words]
+        values = [(word, self._value(word)) for word in line.words]
         self._set(line)
-        codes = [round(10.0 * value) for word, value in values_of(line, values) if word.letter == "g"]
-        orders = [round(value) for word, value in values_of(line, values) if word.letter == "m"]
-        words = {word.letter: value for word, value in values_of(line, values) if word.letter not in "gm"}
+        codes = [round(10.0 * value) for word, value in values if word.letter == "g"]
+        orders = [round(value) for word, value in values if word.letter == "m"]
+        words = {word.letter: value for word, value in values if word.letter not in "gm"}
         if line.optional and (line.settings or set(codes) - {0, 10, 20, 30} or orders or self.machine.motion in CYCLES):
             raise NotExpandableError("a line with a slash runs or not as the machine's switch says")
         odd = [code for code in codes if code not in _KNOWN]
@@ -172,7 +176,7 @@ class BlockRunner:
         moves = any(axis in words for axis in (*AXES, "@", "^"))
         return self.machine.motion if moves else -1
 
-    def _cycle(self, line: ProgramLine, values: list[float], motion: int, words: dict[str, float]) -> None:
+    def _cycle(self, line: ProgramLine, values: WordValues, motion: int, words: dict[str, float]) -> None:
         machine, memory = self.machine, self.memory
         if machine.motion not in CYCLES:
             memory.initial = None
@@ -197,7 +201,7 @@ class BlockRunner:
     def _compensated(
         self,
         line: ProgramLine,
-        values: list[float],
+        values: WordValues,
         codes: list[int],
         orders: list[int],
         motion: int,
@@ -230,12 +234,12 @@ class BlockRunner:
         self.changed = True
 
     def _write_rest(
-        self, line: ProgramLine, values: list[float], belongs: Callable[[str, float], bool], *, keep: bool
+        self, line: ProgramLine, values: WordValues, belongs: Callable[[str, float], bool], *, keep: bool
     ) -> None:
         """Write what does not belong to the motions of a block ahead of them."""
         texts = [
             f"{word.letter.upper()}{self._text(word, value)}"
-            for word, value in values_of(line, values)
+            for word, value in values
             if not belongs(word.letter, value)
         ]
         texts += self._comments(line, keep=keep)
@@ -248,7 +252,7 @@ class BlockRunner:
             comments = tuple(text for text in comments if not re.match(r"\s*debug,", text, re.IGNORECASE))
         return [f"({self._comment(text)})" for text in comments]
 
-    def _write(self, line: ProgramLine, values: list[float], *, keep: bool, standing: bool = False) -> None:
+    def _write(self, line: ProgramLine, values: WordValues, *, keep: bool, standing: bool = False) -> None:
         if not line.computed and not line.active:
             if line.words or keep:
                 self.lines.append(line.text)
@@ -259,11 +263,11 @@ class BlockRunner:
         polar = not standing and any(word.letter in "@^" for word in line.words)
         texts = [
             f"{word.letter.upper()}{self._text(word, value)}"
-            for word, value in values_of(line, values)
+            for word, value in values
             if standing or word.letter not in "@^"
         ]
         if polar:
-            texts += self._polar(line, values)
+            texts += self._polar(values)
         texts = self._center(line, values, texts)
         texts += self._comments(line, keep=keep)
         if texts:
@@ -272,23 +276,22 @@ class BlockRunner:
     def _text(self, word: LineWord, value: float) -> str:
         return number_text(value, 1 if word.letter in "gm" else self.decimals)
 
-    def _polar(self, line: ProgramLine, values: list[float]) -> list[str]:
+    def _polar(self, values: WordValues) -> list[str]:
         machine = self.machine
-        words = {word.letter: value for word, value in values_of(line, values)}
+        words = {word.letter: value for word, value in values}
         end = machine.target(words)
         found = []
         for axis in "xy":
             value = end[axis] if machine.absolute else end[axis] - machine.place[axis]
             if math.isnan(value):
                 raise NotExpandableError("polar words where the place is not known")
-            double = 2.0 if axis == "x" and machine.modes["diameter"] == 70 else 1.0
-            found.append(f"{axis.upper()}{number_text(value * double, self.decimals)}")
+            found.append(f"{axis.upper()}{number_text(value * machine.factor(axis), self.decimals)}")
         return found
 
-    def _center(self, line: ProgramLine, values: list[float], texts: list[str]) -> list[str]:
+    def _center(self, line: ProgramLine, values: WordValues, texts: list[str]) -> list[str]:
         """Put the centre of an arc in the place of its radius, which tells a half circle's centre but roughly."""
-        words = {word.letter: value for word, value in values_of(line, values) if word.letter not in "gm"}
-        codes = [round(10.0 * value) for word, value in values_of(line, values) if word.letter == "g"]
+        words = {word.letter: value for word, value in values if word.letter not in "gm"}
+        codes = [round(10.0 * value) for word, value in values if word.letter == "g"]
         motion, axes = self._motion(codes, words), self.machine.axes
         if motion not in (20, 30) or "r" not in words or axes is None:
             return texts
@@ -361,11 +364,6 @@ class BlockRunner:
         elif motion != 800:
             machine.place = machine.target(words)
         machine.motion = motion
-
-
-def values_of(line: ProgramLine, values: list[float]) -> list[tuple[LineWord, float]]:
-    """Return the words of a line beside their values."""
-    return list(zip(line.words, values, strict=True))
 
 
 def _belongs(letter: str, value: float) -> bool:

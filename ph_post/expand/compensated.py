@@ -218,8 +218,8 @@ class CompensatedBlocks:
         centers = []
         for axis, end, middle in ends:
             shift = 0.0 if self._path is None else self._shift.get(axis, 0.0)
-            twice = 2.0 if axis == "x" and self._machine.modes["diameter"] == 70 else 1.0
-            texts.append(f"{axis.upper()}{number_text((end + shift) * twice, self._decimals)}")
+            value = (end + shift) * self._machine.factor(axis)
+            texts.append(f"{axis.upper()}{number_text(value, self._decimals)}")
             whole = middle + shift if absolute else middle
             centers.append(f"{'IJK'['xyz'.index(axis)]}{number_text(whole, self._decimals)}")
         if move.words:

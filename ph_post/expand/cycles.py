@@ -212,6 +212,6 @@ class CycleWriter:
         """Write a move to the place of the machine, of which some axes are named."""
         words = [f"G{motion}"]
         for axis in axes:
-            half = 2.0 if axis == "x" and self._machine.modes["diameter"] == 70 else 1.0
-            words.append(f"{axis.upper()}{number_text(self._machine.place[axis] * half, self._decimals)}")
+            value = self._machine.place[axis] * self._machine.factor(axis)
+            words.append(f"{axis.upper()}{number_text(value, self._decimals)}")
         return " ".join(words)

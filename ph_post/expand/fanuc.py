@@ -23,7 +23,7 @@ from ph_post.expand.macro import (
     read_macro_line,
     word_text,
 )
-from ph_post.expand.progress import Progress
+from ph_post.expand.progress import Progress, check_turn
 from ph_post.expand.run import Find
 from ph_post.expand.values import ParameterFrame
 
@@ -168,7 +168,7 @@ class FanucRunner:
         if line.condition is not None:
             holds = self.store.holds(line.condition(self.store))
         if line.order == "while":
-            self._check_progress(call, call.at - 1)
+            check_turn(call.heads, call.at - 1, self.store.version)
             if not holds:
                 call.heads.pop(call.at - 1, None)
                 call.at = self._behind(call, call.at, line.number)
@@ -203,17 +203,12 @@ class FanucRunner:
 
     def _jump(self, call: MacroCall, label: int) -> None:
         """Go on at a sequence number, searched forwards and then from the program's beginning."""
-        self._check_progress(call, call.at - 1)
+        check_turn(call.heads, call.at - 1, self.store.version)
         order = [*range(call.at, call.last), *range(call.first, call.at)]
         found = next((index for index in order if self._line(call.source, index).label == label), None)
         if found is None:
             raise ExpandError("there is no such sequence number", got=f"N{label}")
         call.at = found
-
-    def _check_progress(self, call: MacroCall, at: int) -> None:
-        if call.heads.get(at) == self.store.version:
-            raise ExpandError("the loop never ends: nothing changes from one turn to the next")
-        call.heads[at] = self.store.version
 
     # ------------------------------------------------------------------ calls
 

@@ -255,7 +255,7 @@ class FanucBlocks:
         elif motion >= 0 and machine.modes["distance"] == 0:
             machine.forget(named)
         elif motion >= 0:
-            machine.place = machine.target({axis: values[axis] for axis in named})
+            machine.place = machine.target(values)
         if motion in _CYCLES:
             machine.forget("z" if machine.absolute else "xyz")
 
@@ -295,7 +295,7 @@ class FanucBlocks:
             raise NotExpandableError("a word in the block of a cycle that does not belong to it")
         self._settle(0, values)
         writer = FanucCycle(machine, self._memory, self.numbers, self.coordinates)
-        if writer.is_open({"r": values.get("r", self._memory.plane)}):
+        if writer.is_open(values):
             raise NotExpandableError("a cycle where neither G98 nor G99 was said")
         texts, says = [], False
         for word in words:

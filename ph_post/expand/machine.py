@@ -8,7 +8,7 @@ from typing import Final
 from ph_post.expand.values import UNKNOWN
 
 AXES: Final = "xyzabcuvw"
-_LINEAR: Final = "xyzuvw"
+LINEAR: Final = "xyzuvw"
 
 PLANES: Final = {170: ("x", "y", "z"), 180: ("z", "x", "y"), 190: ("y", "z", "x")}
 """First, second and third axis of G17, G18 and G19."""
@@ -91,7 +91,7 @@ class MachineState:
         if had == code:
             return
         factor = UNKNOWN if had == 0 else (25.4 if code == 210 else 1.0 / 25.4)
-        for axis in _LINEAR:
+        for axis in LINEAR:
             self.place[axis] *= factor
         self.modes["units"] = code
 
@@ -100,16 +100,19 @@ class MachineState:
         for axis in axes:
             self.place[axis] = UNKNOWN
 
+    def factor(self, axis: str) -> float:
+        """Return by what the place of an axis is multiplied in its word: X of a lathe may be a diameter."""
+        return 2.0 if axis == "x" and self.modes["diameter"] == 70 else 1.0
+
     def target(self, words: dict[str, float]) -> dict[str, float]:
         """Return the place to which axis words lead.
 
         Polar words (``@`` and ``^``) are of the plane X, Y.
         """
         end = dict(self.place)
-        half = 2.0 if self.modes["diameter"] == 70 else 1.0
         for axis in AXES:
             if axis in words:
-                value = words[axis] / (half if axis == "x" else 1.0)
+                value = words[axis] / self.factor(axis)
                 end[axis] = value if self.absolute else end[axis] + value
         if "@" in words or "^" in words:
             end["x"], end["y"] = self._polar(words)

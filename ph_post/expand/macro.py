@@ -20,9 +20,6 @@ from ph_post.expand.values import Store
 LOCAL: Final = 33
 """Variables 1 to 33 belong to the macro."""
 
-COMMON: Final = range(100, 200)
-"""Variables that are empty after power on, but for what programs put there."""
-
 ARGUMENTS: Final = {
     **dict(zip("abcijkdefhm", (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13), strict=True)),
     **dict(zip("qrstuvwxyz", range(17, 27), strict=True)),

@@ -8,11 +8,10 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from ph_post.expand.faults import NotExpandableError
-from ph_post.expand.machine import AXES, GROUPS, MachineState
+from ph_post.expand.machine import AXES, GROUPS, LINEAR, MachineState
 from ph_post.expand.values import UNKNOWN, Store
 
 _SYSTEMS: Final = GROUPS["system"]
-_LINEAR: Final = "xyzuvw"
 
 
 class OffsetState(NamedTuple):
@@ -45,7 +44,7 @@ class WorkOffsets:
     def unit(self, axis: str) -> float:
         """Return the machine's unit in those of the program."""
         code = self._machine.modes["units"]
-        if axis not in _LINEAR:
+        if axis not in LINEAR:
             return 1.0
         if code == 0:
             return UNKNOWN
@@ -73,8 +72,7 @@ class WorkOffsets:
 
     def _turn(self) -> float:
         """Return by how much [rad] the work offset in force is turned."""
-        key = self._system() + 9
-        return math.radians(self._store.numbers.get(key, self._store.number(key)))
+        return math.radians(self._store.number(self._system() + 9))
 
     def _state(self) -> OffsetState:
         base, shift = (complex(of("x"), of("y")) for of in (self._base, self._shift))

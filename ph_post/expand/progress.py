@@ -14,6 +14,19 @@ MOST_SILENT: Final = 100_000
 """Lines that a program may run one after the other without one that does anything."""
 
 
+def check_turn(heads: dict[int, object], at: int, state: object) -> None:
+    """Refuse a loop that comes back to a line with nothing changed; `heads` keeps the state of each from before.
+
+    Raises
+    ------
+    ExpandError
+        Where the state is the one from before.
+    """
+    if heads.get(at) == state:
+        raise ExpandError("the loop never ends: nothing changes from one turn to the next")
+    heads[at] = state
+
+
 class Progress:
     """Counts the lines that run, and names the line of what goes wrong."""
 

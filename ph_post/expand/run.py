@@ -15,7 +15,7 @@ from ph_post.expand.lines import PROGRAM, Flow, ProgramLine, Source
 from ph_post.expand.machine import MachineState
 from ph_post.expand.named import NamedValues
 from ph_post.expand.offsets import WorkOffsets
-from ph_post.expand.progress import MOST_SILENT, Progress
+from ph_post.expand.progress import MOST_SILENT, Progress, check_turn
 from ph_post.expand.states import SavedStates
 from ph_post.expand.tools import ToolShape
 from ph_post.expand.values import LOCAL, ParameterFrame, Store
@@ -270,7 +270,7 @@ class ProgramRunner:
         if word == "while":
             first, opened = self._opening(call, label, at)
             ends_do = opened == "do"
-            self._check_progress(call, at)
+            check_turn(call.heads, at, (self.store.version, self.machine.snapshot()))
             holds = self.store.holds(flow.values[0](self.store))
             if ends_do and holds and not self._broken:
                 call.at = first + 1
@@ -280,20 +280,12 @@ class ProgramRunner:
                 call.heads.pop(at, None)
             elif not holds:
                 call.heads.pop(at, None)
-                if not ends_do:
-                    call.at = self._ahead(call, label, ("endwhile",), at) + 1
+                call.at = self._ahead(call, label, ("endwhile",), at) + 1
             return
         first, opened = self._opening(call, label, at)
         if opened != {"endwhile": "while", "endrepeat": "repeat"}[word]:
             raise ExpandError(f"{word} without its beginning", got=f"o{label}")
         call.at = first
-
-    def _check_progress(self, call: Call, at: int) -> None:
-        """Refuse a loop that comes back with nothing changed."""
-        now = (self.store.version, self.machine.snapshot())
-        if call.heads.get(at) == now:
-            raise ExpandError("the loop never ends: nothing changes from one turn to the next")
-        call.heads[at] = now
 
     def _leave(self, call: Call, at: int, word: str, label: str) -> None:
         first, opened = self._opening(call, label, at)

@@ -18,7 +18,7 @@ from ph_post.expand.expressions import Functions, Levels, Parser
 from ph_post.expand.faults import ExpandError, NotExpandableError
 from ph_post.expand.lines import Source
 from ph_post.expand.macro import MacroParser
-from ph_post.expand.progress import Progress
+from ph_post.expand.progress import Progress, check_turn
 from ph_post.expand.values import UNKNOWN, Store
 from ph_post.expand.writing import DECIMALS, number_text
 
@@ -179,13 +179,13 @@ class SinumerikRunner:
         self.lines: list[str] = []
         self.changed = False
         self._source = source
-        self._at, self._first = 0, 0
+        self._at = 0
         self._read = [read_sinumerik_line(text) for text in source.texts]
         names = [k for k, line in enumerate(self._read) if line.rest.startswith("%")]
         self._last = names[1] if len(names) > 1 else len(self._read)
         self._parts: list[RepeatedPart] = []
         self._seen: set[int] = set()
-        self._heads: dict[int, int] = {}
+        self._heads: dict[int, object] = {}
         self._pairs = self._structures()
 
     def _structures(self) -> dict[int, int]:
@@ -279,8 +279,9 @@ class SinumerikRunner:
         line = self._read[index]
         text = line.text
         changed = self._with_values(line)
-        if index in self._seen or changed != text[line.begin :]:
-            lead = "/" if line.slash and index in self._seen else "" if index in self._seen else text[: line.begin]
+        again = index in self._seen
+        if again or changed != text[line.begin :]:
+            lead = "/" * line.slash if again else text[: line.begin]
             text = lead + changed
             self.changed = True
         self._seen.add(index)
@@ -358,9 +359,7 @@ class SinumerikRunner:
         if not holds:
             self._heads.pop(index, None)
             return False
-        if self._heads.get(index) == self.store.version:
-            raise ExpandError("the loop never ends: nothing changes from one turn to the next")
-        self._heads[index] = self.store.version
+        check_turn(self._heads, index, self.store.version)
         return True
 
     def _for(self, index: int, match: re.Match[str]) -> None:

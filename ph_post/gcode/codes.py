@@ -299,7 +299,7 @@ def letter_bits(letters: str) -> int:
 
     Examples
     --------
-    >>> letterletter_bits("AC")
+    >>> letter_bits("AC")
     5
     """
     return sum(1 << ord(letter) - ord("A") for letter in letters)

@@ -99,19 +99,22 @@ def further_moves(program: PartProgram) -> Mapping[str, FurtherMoves]:
     ([0, 1], [True, False], [90.0, 45.0])
     """
     words, found = program.words, further_words(program)
+    if not found.size:
+        return {}
+    bounds = _bounds(program)
     return {
-        chr(letter): _moves_of(program, chr(letter), found[words.letter[found] == letter])
+        chr(letter): _moves_of(program, chr(letter), found[words.letter[found] == letter], bounds)
         for letter in np.unique(words.letter[found]).tolist()
     }
 
 
-def _moves_of(program: PartProgram, letter: str, found: PlaceArray) -> FurtherMoves:
+def _moves_of(program: PartProgram, letter: str, found: PlaceArray, lost: IntArray) -> FurtherMoves:
     words, motions, last = program.words, program.motions, program.breaks[-1].block
     found = found[words.block[found] < max(last, 1)] if last < program.blocks else found
     blocks = words.block[found]
     cuts = np.isin(blocks, motions.block)
     moves = cuts | _lone(program, blocks)
-    bounds = np.unique(np.concatenate([_bounds(program), blocks[~moves], [last]])).astype(np.int64)
+    bounds = np.unique(np.concatenate([lost, blocks[~moves], [last]])).astype(np.int64)
     block, word, beside = blocks[moves].astype(np.int64), found[moves].astype(np.int64), cuts[moves]
     modal = [program.modal[n] for n in program.state[block].tolist()]
     chain = np.searchsorted(bounds, block, side="right")
@@ -121,6 +124,7 @@ def _moves_of(program: PartProgram, letter: str, found: PlaceArray) -> FurtherMo
     units = np.array([unit_of(letter, one.units) for one in modal])
     start, end = _places(words.value[word] * units, absolute, chain)
     every = words.block[further_words(program)]
+    chains = np.unique(chain)
     several = np.bincount(every, minlength=program.blocks)[block] > 1
     return FurtherMoves(
         block=sealed(block),
@@ -130,9 +134,9 @@ def _moves_of(program: PartProgram, letter: str, found: PlaceArray) -> FurtherMo
         absolute=sealed(absolute),
         rapid=sealed(rapid),
         alone=sealed(~beside & ~several),
-        chain=sealed(np.searchsorted(np.unique(chain), chain)),
-        ends=sealed(bounds[np.unique(chain)]),
-        placed=sealed(np.isin(np.unique(chain), chain[absolute])),
+        chain=sealed(np.searchsorted(chains, chain)),
+        ends=sealed(bounds[chains]),
+        placed=sealed(np.isin(chains, chain[absolute])),
     )
 
 

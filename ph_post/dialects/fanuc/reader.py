@@ -38,7 +38,6 @@ _MODE: Final = re.compile(rb"G(20|21|90|91)(?![\d.])")
 _ENDS: Final = re.compile(rb"[GMSTO%#]")
 """Nothing but points and knots stands between the first block and the last."""
 _ORDERS: Final = range(2, 5)
-_DEFAULT_ORDER: Final = 4
 
 
 class NurbsBlocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):

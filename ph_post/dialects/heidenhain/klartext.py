@@ -92,7 +92,6 @@ class _KlartextFollower:
     def __init__(self, tnc: Tnc) -> None:
         self.tnc = tnc
         self._remark = ""
-        self._ended = False
 
     def line(self, source: str) -> None:
         """Follow one line."""
