@@ -207,11 +207,12 @@ class ProgramRunner:
         machine, lines, depth = copy.deepcopy(self.machine.__dict__), self.blocks.lines, len(self.calls)
         self.blocks.lines, self.blocks.aside = [], True
         self._enter(Call(source=source, at=at + 1, label=label, start=at + 1), ParameterFrame())
+        progress = Progress()
         while len(self.calls) > depth:
             call = self.call
             if call.at >= len(call.source.texts) or len(self.blocks.lines) > MOST_SILENT:
                 raise ExpandError(f"the contour of a turning cycle does not end: o{label}")
-            self._step(call)
+            progress.step(partial(self._step, call), call.source.name, call.at + 1, len(self.blocks.lines))
         self.machine.__dict__.update(machine)
         found, self.blocks.lines, self.blocks.aside = self.blocks.lines, lines, False
         return found

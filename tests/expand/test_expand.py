@@ -30,6 +30,7 @@ def fault_of(text, folders=None):
     [
         ("#1=0\no1 while [#1 LT 5]\nG1 X1\no1 endwhile\n", 2, "never ends"),
         ("o1 while [1]\n#1=[#1+1]\no1 endwhile\n", None, "without an end"),
+        ("o1 sub\no2 while [1]\n#1=[#1+1]\no2 endwhile\no1 endsub\nG71 Q1\n", None, "without an end"),
         ("#1=1\no1 do\nG0 X1\nX2\no1 while [#1]\n", 5, "never ends"),
         ("o1 sub\no1 call\no1 endsub\no1 call\n", 2, "deep"),
         ("o1 sub\no2 call\no1 endsub\no2 sub\no1 call\no2 endsub\no1 call\n", None, "deep"),
