@@ -239,8 +239,12 @@ class SinumerikRunner:
             self._obey(index, line)
         else:
             ends = _END.search(line.rest) is not None
+            # Whether words beside a setting have its value or the one from before is not known.
+            for found in _ODD_SETTING.finditer(line.rest):
+                self.store.numbers.pop(int(found[1]), None)
             self._write(index)
-            self._forget(line.rest)
+            if _CALL.search(line.rest) and not _STILL.match(line.rest):
+                self.store.numbers.clear()
         while self._parts and self._at == self._parts[-1].last:
             part = self._parts[-1]
             part.left -= 1
@@ -248,13 +252,6 @@ class SinumerikRunner:
             if part.left <= 0:
                 self._parts.pop()
         return ends
-
-    def _forget(self, rest: str) -> None:
-        """Know no longer what another program, or a line that is not read here, may have set."""
-        if _CALL.search(rest) and not _STILL.match(rest):
-            self.store.numbers.clear()
-        for found in _ODD_SETTING.finditer(rest):
-            self.store.numbers.pop(int(found[1]), None)
 
     # ------------------------------------------------------------------ values
 
@@ -270,8 +267,16 @@ class SinumerikRunner:
         return value(self.store) if parser.at == len(parser.text) else UNKNOWN
 
     def _set(self, line: SinumerikLine) -> None:
-        found = [(int(one[1]), self._value(one[2])) for one in _SETTING.finditer(line.rest)]
-        for key, value in found:
+        """Set R parameters; a value that needs another one of its line is not known, as is which comes first."""
+        settings = [(int(one[1]), one[2]) for one in _SETTING.finditer(line.rest)]
+        known, keys, values = self.store.numbers, [key for key, _ in settings], []
+        for key, text in settings:
+            others = [*keys]
+            others.remove(key)
+            self.store.numbers = {had: value for had, value in known.items() if had not in others}
+            values.append(self._value(text))
+        self.store.numbers = known
+        for key, value in zip(keys, values, strict=True):
             self.store.put(key, value)
 
     def _write(self, index: int) -> None:

@@ -63,6 +63,13 @@ def test_a_program_that_computes_nothing_is_itself():
         assert expand(text, "a.mpf", sinumerik=True).data == text
 
 
+def test_what_needs_a_parameter_of_its_own_line_stays() -> None:
+    """As the reader has it: nobody says here which of them a control works out first."""
+    text = "R1=5 R2=3\nR1=7 G1 X=R1 Y=R2\nX=R1\nR1=4\nR1=R1+1 R3=R1 R4=R2\nX=R1 Y=R3 Z=R4\nM30\n"
+    kept = ["R1=5 R2=3", "R1=7 G1 X=R1 Y=3", "X=R1", "R1=4", "R1=5 R3=R1 R4=3", "X=5 Y=R3 Z=3", "M30"]
+    assert lines_of(text) == kept
+
+
 class Writer:
     """Writes a random program, and runs it at the same time in Python."""
 
