@@ -216,7 +216,7 @@ def _first_of_all(motions: Motions, change: PlaceArray, jog: BoolArray) -> BoolA
     return found
 
 
-def _begins(number: PlaceArray) -> IntArray:
+def _begins(number: IntArray | PlaceArray) -> IntArray:
     """Return the first of the equal numbers in a row among which each is, (k,)."""
     heads = np.append(True, number[1:] != number[:-1])[: number.size]
     return np.asarray(np.maximum.accumulate(np.where(heads, np.arange(number.size), 0)))
@@ -450,9 +450,7 @@ def _keys(
     """
     rapids = np.cumsum((kind == RAPID) if approach is None else (kind == RAPID) & ~approach)
     which = np.flatnonzero((change != NO_CHANGE) & (kind != RAPID) & ~without)
-    begins = np.append(True, change[1:] != change[:-1])[: change.size]
-    start = np.maximum.accumulate(np.where(begins, np.arange(change.size), 0))[which]
-    ranks = rapids[which] - np.append(0, rapids)[start]
+    ranks = rapids[which] - np.append(0, rapids)[_begins(change)[which]]
     return np.asarray(change[which].astype(np.int64) * _RANK + ranks), which
 
 
@@ -510,8 +508,7 @@ def _divided(original: Motions, compensated: Motions, found: Stretches, owner: I
     amount = np.where(arc, np.abs(compensated.angle[new]), found.new.length[part])
     whole = np.bincount(place, weights=amount, minlength=found.old.motion.size)
     sums = np.append(0.0, np.cumsum(amount))
-    begins = np.append(True, np.diff(place) > 0)[: place.size]
-    start = sums[:-1][np.maximum.accumulate(np.where(begins, np.arange(place.size), 0))]
+    start = sums[:-1][_begins(place)]
     scale = np.maximum(whole[place], _NOTHING)
     shift = found.new.shift[part]
     off = np.zeros(place.size)
