@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ph_post.gcode.further import further_words
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Array, IntArray
 from ph_post.verify.line_pairs import VerifyCase
@@ -30,9 +31,8 @@ def check_further(case: VerifyCase) -> None:
 
 def _words_of(program: PartProgram) -> tuple[IntArray, Array]:
     """Return the words up to the program's end, and of each its letter, its value and the mode of its line, (3, n)."""
-    words = program.words
-    own = np.isin(words.letter, [ord(letter) for letter in program.language.further])
-    rows = np.flatnonzero(own & (words.block <= program.breaks[-1].block))
+    words, rows = program.words, further_words(program)
+    rows = rows[words.block[rows] <= program.breaks[-1].block]
     absolute = np.array([modal.absolute for modal in program.modal])[program.state[words.block[rows]]]
     return rows, np.array([words.letter[rows], np.nan_to_num(words.value[rows], nan=np.inf), absolute])
 
