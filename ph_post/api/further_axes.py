@@ -68,8 +68,8 @@ class ShiftedJob(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def reversals(self) -> tuple[AxisReversals, ...]:
         """Numbers of reversals, those among cuts."""
         return tuple(
-            AxisReversals(axis=one.axis, compensated=one.done, all=one.reversals, cut=one.reversals - one.done)
-            for one in self.errors
+            AxisReversals(axis=one.axis.name, compensated=one.done, all=one.reversals, cut=one.reversals - one.done)
+            for one in self.plans
         )
 
 

@@ -34,7 +34,7 @@ from ph_post.gcode import codes
 from ph_post.gcode.further import FurtherMoves, further_moves, unit_of
 from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import RAPID, PartProgram
-from ph_post.gcode.working import tool_in_words
+from ph_post.gcode.working import working_motions
 from ph_post.types import ROTARY_AXES, Array, Axis, IntArray, Machine
 
 BAND: Final = 0.1
@@ -138,19 +138,19 @@ def plan_further(
     said : list of str
         Warnings, a sentence each.
     """
-    moved, plans, said = further_moves(program), [], []
-    troubles = why_not_editable(program)
-    asked = [name for name in machine.further if name in moved and moved[name].block.size]
-    for name, axis in machine.further.items():
-        foreign = name not in program.language.further and np.any(program.words.letter == ord(name))
-        if foreign and axis.gap.lost_motion > 0.0:
-            said.append(f"axis {name} not compensated: {dialect.name} programs are passed through where it moves")
-    time = float(motion_times(program, machine).sum()) if asked else 0.0
-    for name in asked:
-        axis = machine.further[name]
+    moved, plans = further_moves(program), list[FurtherAxisPlan]()
+    lost = {name: axis for name, axis in machine.further.items() if axis.gap.lost_motion > 0.0}
+    asked = {name: axis for name, axis in lost.items() if name in moved and moved[name].block.size}
+    said = [
+        f"axis {name} not compensated: {dialect.name} programs are passed through where it moves"
+        for name in lost
+        if name not in program.language.further and np.any(program.words.letter == ord(name))
+    ]
+    if not asked:
+        return plans, said
+    troubles, time = why_not_editable(program), float(motion_times(program, machine).sum())
+    for name, axis in asked.items():
         planner = _AxisPlanner(program, dialect, axis, options, moved[name], machine)
-        if axis.gap.lost_motion == 0.0:
-            continue
         if axis.loop.encloses_backlash:
             said.append(f"axis {name} not compensated: its backlash is inside the loop")
         elif troubles or planner.coarse:
@@ -208,7 +208,7 @@ class _AxisPlanner:
         if options.overshoot is not None and axis.name not in ROTARY_AXES:
             over = max(options.overshoot, axis.gap.lost_motion)
         self._over = math.ceil(over / self._step - 1e-6)
-        tool = machine.tool or (tool_in_words(program) or ("cutter",))[0]
+        tool = working_motions(program, machine.tool).tool
         self.no_stops = "" if tool == "cutter" else "a stop where it turns back would show"
         self._wraps = program.language.shortest and axis.name in ROTARY_AXES
         self._cuts = _cut_lines(program)

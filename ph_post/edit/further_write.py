@@ -17,7 +17,7 @@ from ph_post.edit.block_words import line_end
 from ph_post.edit.changes import Change
 from ph_post.edit.further_edits import AddedMoves, FurtherAxisPlan
 from ph_post.edit.word_shifts import ShiftedWords, assemble
-from ph_post.edit.write import head_line, join_lines, shifted_numbers
+from ph_post.edit.write import HASH_DIGITS, head_line, join_lines, shifted_numbers
 from ph_post.expand.writing import SHIFTED, Written
 from ph_post.gcode.numbers import comment_lines, decimal_text
 from ph_post.gcode.program import PartProgram
@@ -31,9 +31,6 @@ _PART_OF_SPEED: Final = 0.25
 _LEAST_TIME: Final = 0.02
 """Least time of such a move [s]."""
 
-_DIGITS: Final = 16
-"""Digits of hashes in the head."""
-
 
 class FurtherRequest(msgspec.Struct, frozen=True, kw_only=True):
     """What the head of a program says of a compensation: machine and options by their hashes."""
@@ -46,7 +43,9 @@ class FurtherRequest(msgspec.Struct, frozen=True, kw_only=True):
     def of(cls, machine: Machine, options_digest: str) -> FurtherRequest:
         """Shorten the hashes as they are written."""
         return cls(
-            machine=machine.name, machine_digest=machine.digest[:_DIGITS], options_digest=options_digest[:_DIGITS]
+            machine=machine.name,
+            machine_digest=machine.digest[:HASH_DIGITS],
+            options_digest=options_digest[:HASH_DIGITS],
         )
 
 

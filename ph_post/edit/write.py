@@ -327,7 +327,8 @@ def _with_payload(program: PartProgram, body: bytes, payload: Payload, dialect: 
     return body[:at] + join_lines(lines, line_end(program)) + body[at:]
 
 
-_DIGITS: Final = 16
+HASH_DIGITS: Final = 16
+"""Digits of hashes in the head of a program."""
 
 
 def declare(
@@ -358,8 +359,8 @@ def declare(
         version=package_version(),
         digest=program.digest,
         machine=machine.name,
-        machine_digest=machine.digest[:_DIGITS],
-        options_digest=options_digest[:_DIGITS],
+        machine_digest=machine.digest[:HASH_DIGITS],
+        options_digest=options_digest[:HASH_DIGITS],
         units=units,
         offset=dict(edits.amplitude),
         one_sided=dict(edits.one_sided),
