@@ -159,7 +159,7 @@ def in_time(plan: Plan, result: StrategyResult, planner: Planner) -> tuple[Plan,
 
 def _without_stops(plan: Plan, result: StrategyResult, planner: Planner) -> tuple[Plan, StrategyResult]:
     """Leave out the axis with the least lost motion whose stops free enough time, or else all axes."""
-    end, plain = _ends(plan)
+    end, plain = plan_time(plan), cycle_time(plan.nominal)
     play = {name: planner.machine.axes[name].gap.lost_motion for name in result.shifted}
     one_each = [(name,) for name in sorted(play, key=lambda name: (play[name], name))]
     for left in dict.fromkeys((*one_each, tuple(result.shifted))):
@@ -173,12 +173,7 @@ def _without_stops(plan: Plan, result: StrategyResult, planner: Planner) -> tupl
 
 def takes_too_long(plan: Plan, planner: Planner) -> bool:
     """Return whether a plan takes longer than --max-slowdown allows."""
-    return _ends(plan)[0] > planner.longest * (1.0 + TIMED)
-
-
-def _ends(plan: Plan) -> tuple[float, float]:
-    """Durations of a plan and of the plain one [s], without the approach."""
-    return plan_time(plan), cycle_time(plan.nominal)
+    return plan_time(plan) > planner.longest * (1.0 + TIMED)
 
 
 def without_design(request: ProfileRequest, machine: Machine) -> ProfileRequest:
