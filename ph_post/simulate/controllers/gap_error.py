@@ -59,10 +59,7 @@ def program_gap_error(
     if rows.size == 0:
         return None
     if plain is cut and not led:
-        ways = (
-            cut.command,
-            replace(cut.command, position=np.ascontiguousarray(cut.path.points(cut.place, cut.command.axes))),
-        )
+        ways = cut.command, _on_path(cut, cut.place)
     else:
         ways = (None if led else _without_offsets(cut, plain)) or _as_fast(cut, plain)
     bands = {one: _band(ways, rows, machine, one, _reach(cut)) for one in dict.fromkeys(map(_without_gap, tried))}
@@ -109,11 +106,7 @@ def _without_offsets(cut: FollowedCut, plain: FollowedCut) -> tuple[Command, Com
     place[kept] = path.closest_on_motions(free[kept], cut.place[kept], low[kept], high[kept])
     theirs = np.maximum.accumulate(_passed(plain, plain.known)[2])
     free[~kept] = _at_rows(_way_of(plain), _rows_at(theirs, place[~kept]))
-    columns = [AXES.index(name) for name in command.axes]
-    return (
-        replace(command, position=np.ascontiguousarray(free[:, columns])),
-        replace(command, position=np.ascontiguousarray(path.points(place, command.axes))),
-    )
+    return _along(cut, free), _on_path(cut, place)
 
 
 def _passed(cut: FollowedCut, known: Counterparts) -> tuple[IntArray, Array, Array]:
@@ -143,22 +136,27 @@ def _in_space(table: Array) -> Array:
 
 def _as_fast(cut: FollowedCut, plain: FollowedCut) -> tuple[Command, Command]:
     """Return commands that go along the original's way, and along the exact path, as fast as the command of a cut."""
-    command, path = cut.command, cut.path
     way = _way_of(plain)
     known, place = np.maximum.accumulate(plain.place), np.maximum.accumulate(cut.place)
     row = _keep_pace(
         _rows_at(known, place - _reach(cut)),
         _rows_at(known, place + JOINT),
         _way_along(way),
-        np.diff(_way_along(path.in_space(command.axes, command.position)), prepend=0.0),
-        command.period / plain.command.period,
+        np.diff(_way_along(_way_of(cut)), prepend=0.0),
+        cut.command.period / plain.command.period,
     )
-    columns = [AXES.index(name) for name in command.axes]
-    place = np.interp(row, np.arange(known.size), plain.place)
-    return (
-        replace(command, position=np.ascontiguousarray(_at_rows(way, row)[:, columns])),
-        replace(command, position=np.ascontiguousarray(path.points(place, command.axes))),
-    )
+    return _along(cut, _at_rows(way, row)), _on_path(cut, np.interp(row, np.arange(known.size), plain.place))
+
+
+def _along(cut: FollowedCut, way: Array) -> Command:
+    """Return the command of a cut with other positions (n, 3) [m]."""
+    columns = [AXES.index(name) for name in cut.command.axes]
+    return replace(cut.command, position=np.ascontiguousarray(way[:, columns]))
+
+
+def _on_path(cut: FollowedCut, place: Array) -> Command:
+    """Return the command of a cut at places (n,) along the path [m]."""
+    return replace(cut.command, position=np.ascontiguousarray(cut.path.points(place, cut.command.axes)))
 
 
 def _way_of(cut: FollowedCut) -> Array:
