@@ -84,7 +84,7 @@ class ReversalSearch:
         options: EditOptions,
         left: Sequence[tuple[int, int]] = (),
     ) -> None:
-        self.program, self.machine, self.dialect = program, machine, dialect
+        self.program, self.dialect = program, dialect
         self.amplitude, self.sides = amplitude, sides
         self.times = motion_times(program, machine)
         begins = chain_spans(program.motions)[0]
