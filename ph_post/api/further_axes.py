@@ -13,6 +13,7 @@ from ph_post.api.compensated_program import ProgramRequest
 from ph_post.api.inputs import program_in
 from ph_post.api.results import AxisReversals
 from ph_post.compensate.strategies.registry import find_traits
+from ph_post.dialects.declaration import comment_pattern, read_facts
 from ph_post.dialects.registry import find_dialect
 from ph_post.edit.further_edits import FurtherAxisPlan, plan_further
 from ph_post.edit.further_write import FurtherRequest, write_further
@@ -28,8 +29,9 @@ from ph_post.types import Machine
 from ph_post.verify.shifted import verify_shifted
 from ph_post.version import package_version
 
-_HEAD: Final = re.compile(rb"ph-post-axes: (\S+) compensated axes", re.IGNORECASE)
-_HASHES: Final = re.compile(rb"ph-post-axes: (?:machine .*?, sha256|options sha256)[\s();]*([0-9a-f]+)", re.IGNORECASE)
+_HEAD: Final = comment_pattern(f"{SHIFTED.mark}.*")
+_VERSION: Final = re.compile(r"(\S+) compensated axes .*", re.IGNORECASE)
+_HASH: Final = re.compile(r"(?:machine .*,|options) sha256 ?([0-9a-f]*)", re.IGNORECASE)
 
 
 class FurtherError(msgspec.Struct, frozen=True, kw_only=True):
@@ -117,9 +119,10 @@ def shifted_job(
 
 def _hashes(program: PartProgram) -> tuple[str, ...]:
     """Return version and hashes in the head of a program."""
-    version = _HEAD.search(program.data)
-    found = [one.decode("ascii").lower() for one in _HASHES.findall(program.data)]
-    return ("" if version is None else version[1].decode("latin-1"), *found)
+    head = _HEAD.search(program.data)
+    facts = [] if head is None else read_facts(program.data[head.start() :], SHIFTED.mark)
+    versions = [found[1] for found in map(_VERSION.fullmatch, facts) if found]
+    return (*versions, *(found[1].lower() for found in map(_HASH.fullmatch, facts) if found))
 
 
 def shifted_original(compensated: PartProgram) -> tuple[PartProgram, PartProgram] | None:

@@ -253,9 +253,6 @@ def _bound(size: float) -> str:
 _HEAD = comment_pattern(r"ph-post (\S[^\r\n]*?) compensated this program", alone=True)
 
 
-_FACT = comment_pattern(rf"{MARK}((?!\+).*)")
-
-
 _FURTHER = comment_pattern("  (.*)")
 
 
@@ -307,15 +304,6 @@ def read_declaration(data: bytes) -> Declaration | None:
     head = _HEAD.search(data)
     if head is None:
         return None
-    facts: list[str] = []
-    for line in data[head.end() :].splitlines():
-        text = line.strip()
-        if found := _FACT.fullmatch(text):
-            facts.append(_words(found))
-        elif facts and (found := _FURTHER.fullmatch(text)):
-            facts[-1] += " " + _words(found).strip()
-        else:
-            break
     fields: dict[str, Any] = {
         "version": _words(head),
         "offset": {},
@@ -324,11 +312,31 @@ def read_declaration(data: bytes) -> Declaration | None:
         "commands": (),
         "notes": (),
     }
-    for fact in facts:
+    for fact in read_facts(data[head.end() :]):
         _read_fact(fact, fields)
     if len(str(fields.get("digest", ""))) != _DIGEST:
         raise InputError("", "the head of the compensated program is damaged", expected="original sha256")
     return Declaration(**fields)
+
+
+def read_facts(data: bytes, mark: str = MARK) -> list[str]:
+    r"""Read what the comment lines that data begin with say behind a mark, each with the lines in which it goes on.
+
+    Examples
+    --------
+    >>> read_facts(b"(ph-post: machine the old)\n(  mill)\n(ph-post: 2 stops)\nG0 X1\n")
+    ['machine the old mill', '2 stops']
+    """
+    pattern, facts = comment_pattern(rf"{mark}((?!\+).*)"), list[str]()
+    for line in data.splitlines():
+        text = line.strip()
+        if found := pattern.fullmatch(text):
+            facts.append(_words(found))
+        elif facts and (found := _FURTHER.fullmatch(text)):
+            facts[-1] += " " + _words(found).strip()
+        else:
+            break
+    return facts
 
 
 def _words(found: re.Match[bytes]) -> str:

@@ -224,6 +224,16 @@ def test_facts_may_go_on_in_a_second_line_and_comments_of_the_program_stay_its_o
     assert result.axes == ("A",)
 
 
+@pytest.mark.parametrize("dialect", ["grbl", "linuxcnc"])
+@pytest.mark.parametrize("name", ["m" * 40, "m" * 65, "m" * 200, "the old mill " * 12])
+def test_a_program_for_a_machine_with_a_long_name_is_known_again(dialect, name):
+    how = msgspec.structs.replace(machine(dialect=dialect), name=name.strip())
+    after = compensated(HEAD + CONTINUOUS + "M2\n", how).program()
+    again = ph.compensate(read_program(after, "b.ngc"), how)
+    assert again.already_compensated
+    assert again.program() == after
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_a_program_without_an_end_of_its_last_line_comes_back(end):
     text = (HEAD + CONTINUOUS.replace("G0 Z5\n", "", 1) + "G1 X5 A-40").replace("\n", end)
