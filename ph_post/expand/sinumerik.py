@@ -33,12 +33,14 @@ _FOR: Final = re.compile(r"\s*R(\d+)\s*=(.*)\bTO\b(.*)$", re.IGNORECASE)
 _SETTING: Final = re.compile(r"R(\d+)\s*=\s*(.*?)\s*(?=R\d+\s*=|$)", re.IGNORECASE)
 _SETTINGS: Final = re.compile(r"(?:R\d+\s*=[^=]*)+$", re.IGNORECASE)
 _ODD_SETTING: Final = re.compile(r"\bR(\d+)\s*=", re.IGNORECASE)
+_ANY_SETTING: Final = re.compile(r"\bR\s*\[.*?\]\s*=(?!=)", re.IGNORECASE)
 _ODD_FLOW: Final = re.compile(r"\b(?:GOTO\w*|CASE|SETINT)\b|\bREPEATB?\b", re.IGNORECASE)
 _END: Final = re.compile(r"\bM0*(?:2|17|30)\b(?!\s*=)|^RET\b", re.IGNORECASE)
 _CALL: Final = re.compile(
-    r"\b(?:P?CALL|EXTCALL|ISOCALL)\b|^L\d+\b|^(?!MSG|CYCLE\d|POCKET\d|SLOT\d|HOLES\d)[A-Z_]{3,}\w*\s*(?:\(|$|P\s*=?\d)",
+    r"\b(?:P?CALL|EXTCALL|ISOCALL)\b|^L\d+\b|^(?!MSG|CYCLE\d|POCKET\d|SLOT\d|HOLES\d)[A-Z_]{2,}\w*\s*(?:\(|$|P\s*=?\d)",
     re.IGNORECASE,
 )
+_MODAL_CALL: Final = re.compile(r"MCALL\b(?:\s+(?!CYCLE\d|POCKET\d|SLOT\d|HOLES\d)(\w+))?", re.IGNORECASE)
 _STILL: Final = re.compile(
     r"^(?:SOFT|BRISK|DRIVE|COMP\w+|FFWO[NF]|STOPRE|A?TRANS|A?ROT|A?SCALE|A?MIRROR|SUPA|DIAM\w+|CUT2D\w*|CF\w+|NORM|KONT|"
     r"MCALL|UPATH|SPATH|FIFOCTRL|ORI\w+)\b",
@@ -186,6 +188,7 @@ class SinumerikRunner:
         self._parts: list[RepeatedPart] = []
         self._seen: set[int] = set()
         self._heads: dict[int, object] = {}
+        self._modal_call = False
         self._pairs = self._structures()
 
     def _structures(self) -> dict[int, int]:
@@ -239,12 +242,9 @@ class SinumerikRunner:
             self._obey(index, line)
         else:
             ends = _END.search(line.rest) is not None
-            # Whether words beside a setting have its value or the one from before is not known.
-            for found in _ODD_SETTING.finditer(line.rest):
-                self.store.numbers.pop(int(found[1]), None)
+            self._forget_set(line.rest)
             self._write(index)
-            if _CALL.search(line.rest) and not _STILL.match(line.rest):
-                self.store.numbers.clear()
+            self._forget_called(line.rest)
         while self._parts and self._at == self._parts[-1].last:
             part = self._parts[-1]
             part.left -= 1
@@ -252,6 +252,21 @@ class SinumerikRunner:
             if part.left <= 0:
                 self._parts.pop()
         return ends
+
+    def _forget_set(self, rest: str) -> None:
+        """Know no longer what a line sets that is not read here: words beside it may have either value."""
+        if _ANY_SETTING.search(rest):
+            self.store.numbers.clear()
+        for found in _ODD_SETTING.finditer(rest):
+            self.store.numbers.pop(int(found[1]), None)
+
+    def _forget_called(self, rest: str) -> None:
+        """Know no longer what another program may have set: one that a line calls, or every motion (MCALL)."""
+        modal = _MODAL_CALL.match(rest)
+        if modal is not None:
+            self._modal_call = modal[1] is not None
+        if self._modal_call or (_CALL.search(rest) and not _STILL.match(rest)):
+            self.store.numbers.clear()
 
     # ------------------------------------------------------------------ values
 

@@ -70,6 +70,20 @@ def test_what_needs_a_parameter_of_its_own_line_stays() -> None:
     assert lines_of(text) == kept
 
 
+@pytest.mark.parametrize(
+    "line",
+    ["R[5]=7", "X0 R[R2]=7", "R5=7 R[5]=8", "UP", "UP1 P2", "UP1(R5)", "L70", "MCALL L70\nX1\nMCALL", "$R5=7"],
+)
+def test_parameters_that_a_line_may_have_set_are_not_known(line) -> None:
+    kept = lines_of(f"R5=1 R2=5\nX=R5\n{line}\nX=R5\nM30\n")
+    assert kept == ["R5=1 R2=5", "X=1", *line.split("\n"), "X=R5", "M30"]
+
+
+@pytest.mark.parametrize("line", ["Y=R[5]", "MCALL CYCLE81(1,2)\nX1\nMCALL", "CYCLE81(1,2)", "ROT Z5", "M8", "STOPRE"])
+def test_parameters_that_a_line_does_not_set_stay_known(line) -> None:
+    assert lines_of(f"R5=1\n{line}\nX=R5\nM30\n") == ["R5=1", *line.split("\n"), "X=1", "M30"]
+
+
 class Writer:
     """Writes a random program, and runs it at the same time in Python."""
 
