@@ -100,9 +100,10 @@ class BlockRunner:
         else:
             self._write(line, values, keep=keep)
             self._move(codes, motion, words)
-        if odd or any(order >= 100 for order in orders) or line.optional:
-            # Nobody knows what a word does that only this machine has; a line with a slash may be left out.
-            self.machine.forget(AXES if odd else "".join(a for a in AXES if a in words) if line.optional else "")
+        if odd:  # nobody knows what a word does that only this machine has
+            self.machine.forget()
+        elif line.optional:
+            self.machine.forget("".join(axis for axis in AXES if axis in words))
         return any(order in STOPS for order in orders)
 
     def _value(self, word: LineWord) -> float:
