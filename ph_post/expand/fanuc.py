@@ -8,6 +8,7 @@ from functools import partial
 from typing import Final
 
 import msgspec
+import numpy as np
 
 from ph_post.expand.fanuc_blocks import FanucBlocks, MacroWord
 from ph_post.expand.faults import ExpandError, NotExpandableError
@@ -26,10 +27,13 @@ from ph_post.expand.macro import (
 from ph_post.expand.progress import Progress, check_turn
 from ph_post.expand.run import Find
 from ph_post.expand.values import ParameterFrame
+from ph_post.gcode.codes import CALLS, M_EFFECT
 
 _MOST_CALLS: Final = 10
 _LETTERS: Final = re.compile(r"([a-z,]*[a-z])(.*)")
 _MODAL_CALL: Final = ("66", "66.1")
+_OTHER_CALLS: Final = frozenset(np.flatnonzero(M_EFFECT == CALLS).tolist())
+"""M words that run other lines, which may read and set variables: interrupts, and subprograms of another kind."""
 
 
 class MacroCall(msgspec.Struct, kw_only=True):
@@ -119,6 +123,8 @@ class FanucRunner:
             raise NotExpandableError("a line with a slash runs or not as the control's switch says")
         if codes & set(_MODAL_CALL):
             raise NotExpandableError("a macro that is called by every motion: G66")
+        if orders & _OTHER_CALLS:
+            raise NotExpandableError(f"a call that is not followed: M{min(orders & _OTHER_CALLS)}")
         if line.order:
             self.blocks.changed = True
             self._obey(call, line)
@@ -148,7 +154,7 @@ class FanucRunner:
             if letters[-1] in without:
                 continue
             number = self.store.require(expression(self.store), letters.upper())
-            if letters[-1] == "m" and round(number) in (2, 30, 98, 99):
+            if letters[-1] == "m" and round(number) in {2, 30, 98, 99, *_OTHER_CALLS}:
                 raise NotExpandableError(f"an order of the program's flow that is computed: M{number:g}")
             text = word_text(letters, number, numbers.decimals + blocks.more)
             if text:
