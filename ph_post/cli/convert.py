@@ -29,7 +29,11 @@ from ph_post.cli import options
 @options.expanding
 @options.force
 @options.strict
-@options.require_all
+@click.option(
+    "--require-all",
+    is_flag=True,
+    help="Write nothing, with exit status 1, where a reversal at which the tool cuts is not compensated.",
+)
 @click.option(
     "--lead-program",
     is_flag=True,

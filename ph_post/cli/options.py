@@ -391,12 +391,6 @@ feed_mode = click.option(
     help="F words in mm/min (G94) or in 1/min (G93), of path files.",
 )
 
-require_all = click.option(
-    "--require-all",
-    is_flag=True,
-    help="Write nothing, with exit status 1, where a reversal at which the tool cuts is not compensated.",
-)
-
 
 def writing(function: F) -> F:
     """Add the options that say how a program is written."""
