@@ -15,6 +15,7 @@ from ph_post.gcode.further import FurtherMoves, further_moves
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Machine
 from ph_post.units import DEGREE, LENGTHS
+from ph_post.verify.states import INVERSE_TIME, StateNumbering
 from ph_post.verify.verdict import Findings, Verdict, quoted
 
 _COMMENT = re.compile(rb"(?:\(|; )(.*?)\)?\s*")
@@ -203,14 +204,13 @@ def _check_rest(original: PartProgram, shifted: PartProgram, layer: _Layer, find
         same = same and np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
     if not same:
         findings.add("path", "X, Y and Z do not move as in the original")
-    states = np.array([original.modal.index(modal) if modal in original.modal else -1 for modal in shifted.modal])
-    unlike = states[shifted.state[layer.own]] != original.state
-    unlike |= ~np.isclose(shifted.feed_word[layer.own], original.feed_word, rtol=0.0, atol=0.0, equal_nan=True)
-    for old in np.flatnonzero(unlike)[:1].tolist():
-        before = original.modal_after(old)
-        if before != shifted.modal_after(layer.own[old]) or before.feed_mode != 93:
-            what = "the modal state after the block is another one"
-            findings.add("state", what, original=old, compensated=layer.own[old])
+    known = StateNumbering()
+    unlike = known.number(shifted)[shifted.state[layer.own]] != known.number(original)[original.state]
+    timed = np.array([modal.feed_mode == INVERSE_TIME for modal in original.modal])[original.state]
+    feeds = np.isclose(shifted.feed_word[layer.own], original.feed_word, rtol=0.0, atol=0.0, equal_nan=True)
+    for old in np.flatnonzero(unlike | ~(feeds | timed))[:1].tolist():
+        what = "the modal state after the block is another one"
+        findings.add("state", what, original=old, compensated=layer.own[old])
 
 
 class _Follower:

@@ -200,7 +200,7 @@ def _replaced_dwells(case: VerifyCase) -> list[tuple[int, float]]:
 _IN_CHANGE = ("motion", "absolute", "arc_absolute", "feed_mode", "path")
 """Modes that a change may set for its own moves, and sets back at its end."""
 
-_INVERSE_TIME = 93
+INVERSE_TIME = 93
 
 
 _CONVERTED = 1e-12
@@ -214,7 +214,7 @@ def check_states(case: VerifyCase) -> None:
     new = np.concatenate([case.lines.new, changes.new_last - 1])
     order = np.argsort(new, kind="stable")
     old, new = old[order], new[order]
-    known = _Numbering(("motion",))
+    known = StateNumbering(("motion",))
     unlike = (
         _after(known.number(original)[original.state], old, known.of(Modal()))
         != (known.number(compensated)[compensated.state][new])
@@ -222,7 +222,7 @@ def check_states(case: VerifyCase) -> None:
     for place in runs(unlike)[0].tolist():
         _report_state(case, int(old[place]), int(new[place]))
     expected, got = _after(original.feed_word, old, np.nan), compensated.feed_word[new]
-    timed = np.array([modal.feed_mode == _INVERSE_TIME for modal in compensated.modal])
+    timed = np.array([modal.feed_mode == INVERSE_TIME for modal in compensated.modal])
     unlike = ~(
         np.isclose(expected, got, rtol=_CONVERTED, atol=0.0) | np.isnan(expected) | timed[compensated.state[new]]
     )
@@ -239,7 +239,7 @@ def check_states(case: VerifyCase) -> None:
     _check_changes(case)
 
 
-class _Numbering:
+class StateNumbering:
     """Numbers of modal states, the same in both programs."""
 
     def __init__(self, without: tuple[str, ...] = ()) -> None:
@@ -282,7 +282,7 @@ def _report_state(case: VerifyCase, old: int, new: int) -> None:
 
 def _check_changes(case: VerifyCase) -> None:
     """Inside a change nothing is switched but what its moves need, and what the replaced lines switched."""
-    known = _Numbering(_IN_CHANGE)
+    known = StateNumbering(_IN_CHANGE)
     changes = case.lines.changes
     old_state = known.number(case.original)[case.original.state]
     new_state = known.number(case.compensated)[case.compensated.state]

@@ -18,6 +18,7 @@ from ph_post.edit.edits import EditOptions
 from ph_post.errors import InputError
 from ph_post.files.storage import SourceBytes, SourceText
 from ph_post.gcode.read import read_program
+from ph_post.verify.shifted import verify_shifted
 
 XYZ = "".join(
     f'[axes.{name}]\nfeedback = "none"\nb = 0\nc = 0\nlost_motion_mm = {{{name.lower()}}}\nmax_velocity_mm_s = 80\n'
@@ -286,6 +287,24 @@ def test_the_checker_sees_what_was_changed(old, new):
     assert old in after
     broken = after.replace(old, new, 1).encode()
     assert not ph.verify(read_program(text.encode(), "a"), read_program(broken, "b"), machine()).ok
+
+
+def test_what_is_beside_a_subprogram_is_compensated():
+    text = f"{HEAD}G0 A0\nG1 Z-1 F300\nG1 X5 A10 F100\nG1 X9 A5\nM98 P7\nG90\nG1 X9 A5 F100\nG1 X5 A9\nG0 Z5\nM2\n"
+    after = compensated(text, machine()).program().decode()
+    assert "G1 X9 A4.975\n" in after
+    # What the subprogram left behind is not known.
+    assert after[after.index("A to 0)\n") :].split("(")[0] == "A to 0)\nG1 A5\n" + text[text.index("M98") :]
+
+
+def test_the_checker_sees_a_mode_that_is_changed_behind_a_move_of_its_own_under_inverse_time():
+    text = f"{HEAD}G0 A0\nG1 Z-1 F300\nG93\nG1 X5 A10 F100\nG1 X9 A5 F60\nG92 A0\nG1 X5 A9 F60\nG1 X9 A2 F30\nM2\n"
+    after = compensated(text, machine()).program()
+    original = read_program(text.encode(), "a")
+    assert ph.verify(original, read_program(after, "b"), machine()).ok
+    at = after.rindex(b"G1 A")
+    broken = after[:at] + b"G18 " + after[at:]
+    assert not verify_shifted(original, read_program(broken, "b"), machine()).ok
 
 
 def test_a_program_for_another_machine_is_refused_in_one_line():
