@@ -60,6 +60,9 @@ _MODES: Final = ("G0", "G1", "G2", "G3")
 
 _HALF_TURN: Final = 0.5 * math.tau
 
+_SHORTEST: Final = 1e-9
+"""Least time of a program [s]; where it moves nothing by a known way, its time is not known."""
+
 
 class AddedMoves(msgspec.Struct, frozen=True, kw_only=True):
     """Moves of one axis alone, before line `block`: `steps` of its offset there, each a place beside `place`.
@@ -157,7 +160,7 @@ def plan_further(
             why = [*troubles, f"the decimals of {dialect.name} are too few for its backlash"][0]
             said.append(f"axis {name} not compensated: {why}")
         else:
-            plan, total = planner.plan(), max(time, planner.time)
+            plan, total = planner.plan(), max(time, planner.time, _SHORTEST)
             if plan.cost > (options.max_slowdown + SPARE) * total:
                 need = round_up(plan.cost / total)
                 planner.no_stops = (

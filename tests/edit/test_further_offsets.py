@@ -216,6 +216,13 @@ def test_moves_of_its_own_keep_within_the_time_allowed():
     assert b"crossing A" in compensated(text, machine(), max_slowdown=10.0).program()
 
 
+def test_a_program_whose_time_is_not_known_has_no_time_to_spare():
+    text = "o100 sub\nG1 X5 A9 F100\nG1 X4 A3\no100 endsub\nG0 A0\nG1 Z-1 F300\no100 call\nG1 X9 A5\nG0 Z5\nM2\n"
+    result = compensated(text, machine())
+    assert b"crossing A" not in result.program()
+    assert ph.undo(read_program(result.program(), "b.ngc")) == text.encode()
+
+
 def test_facts_may_go_on_in_a_second_line_and_comments_of_the_program_stay_its_own():
     text = f"(  indented)\n{HEAD}{CONTINUOUS}M2\n"
     how = machine(dialect="grbl")
