@@ -354,12 +354,14 @@ class _AxisPlanner:
         draft.shifts[int(moves.word[n])] = draft.carried - (0 if moves.absolute[n] else draft.begin)
 
     def _stand(self, draft: _Draft, n: int, high: int) -> None:
-        """Note the places before and behind a move."""
+        """Note the places before and behind a move, as far as they are known."""
         moves = self._moves
         beside = not (moves.rapid[n] or moves.alone[n])
         if (beside or not draft.stands) and not np.isnan(moves.start[n]):
             motor = moves.start[n] + draft.begin * self._step
             draft.stands.append(Stand(place=moves.start[n], motor=motor, counts=beside))
+        if np.isnan(moves.end[n]):
+            return
         if self._approached(draft, n):
             beyond = moves.end[n] + draft.added[-1].steps[0] * self._step
             draft.stands.append(Stand(place=moves.end[n], motor=beyond, counts=False))

@@ -223,6 +223,16 @@ def test_a_program_whose_time_is_not_known_has_no_time_to_spare():
     assert ph.undo(read_program(result.program(), "b.ngc")) == text.encode()
 
 
+def test_places_that_are_not_known_have_no_error():
+    text = f"{HEAD}G1 Z-1 F300\nG91\nG1 X5 A5\nG1 X5 A-3\nG90\nG1 X5 A9\nG1 X7 A3\nM2\n"
+    result = compensated(text, machine())
+    assert result.program() == text.encode()
+    assert any("from where its place is not known" in one for one in result.warnings)
+    (found,) = result.shifted.errors
+    assert math.degrees(found.before.max) == pytest.approx(0.025)
+    assert found.after == found.before
+
+
 def test_facts_may_go_on_in_a_second_line_and_comments_of_the_program_stay_its_own():
     text = f"(  indented)\n{HEAD}{CONTINUOUS}M2\n"
     how = machine(dialect="grbl")
