@@ -112,14 +112,18 @@ def _without_offsets(cut: FollowedCut, plain: FollowedCut) -> tuple[Command, Com
 def _passed(cut: FollowedCut, known: Counterparts) -> tuple[IntArray, Array, Array]:
     """Stretch of each row (n,), the share of its way that is passed, and the place that is as far along the path [m].
 
-    What is closest to a command leaps where that cuts a corner.
+    What is closest to a command leaps where that cuts a corner. What only shifts an axis behind a rest at the end of
+    the path is no part of the way: the motion without backlash has arrived.
     """
     motion = np.maximum(cut.command.segment, 0)
     own = np.maximum.accumulate(known.stretch[motion])
-    way = _way_along(_way_of(cut))
-    begin, end = (way[np.clip(np.searchsorted(own, own, side=side) - 1, 0, own.size - 1)] for side in ("left", "right"))
-    share = np.divide(way - begin, end - begin, out=np.ones_like(way), where=end > begin)
+    first, last = (np.clip(np.searchsorted(own, own, side=side) - 1, 0, own.size - 1) for side in ("left", "right"))
     low, high = (cut.path.joint_places(one[motion]) for one in (known.first, np.maximum(known.first, known.end)))
+    steps = np.diff(_way_along(_way_of(cut)), prepend=0.0)
+    arrived = np.minimum.accumulate(cut.place[::-1])[::-1] >= high - JOINT
+    rests = np.cumsum(arrived & (steps == 0.0))
+    way = np.cumsum(np.where(rests > rests[first], 0.0, steps))
+    share = np.divide(way - way[first], way[last] - way[first], out=np.ones_like(way), where=way[last] > way[first])
     return own, share, (1.0 - share) * low + share * high
 
 
