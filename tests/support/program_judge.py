@@ -24,6 +24,9 @@ from .two_masses import Body, behind, body_of, motor_of, settling
 
 Floats = NDArray[np.float64]
 
+SHIFTED = 0.25
+"""Motors no farther [mm] from where a path ends than this may be shifted there by the backlash of all axes."""
+
 DENSE = 0.01
 """Distance of the samples of a path [mm]."""
 
@@ -232,9 +235,10 @@ def without_offsets(
         if rows.size:
             low = max(rows[0] - 1, 0)
             way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(motor[low : rows[-1] + 1], axis=0), axis=1)))
+            among = [move for move, k in theirs if first <= move.line < last and k == number]
+            way = np.minimum(way, arrived(motor[low : rows[-1] + 1] - after, way, among[-1].end) if among else way[-1])
             share = (way / way[-1] if way[-1] else np.ones_like(way))[rows - low, None]
             free[rows] -= (1.0 - share) * before + share * after
-            among = [move for move, k in theirs if first <= move.line < last and k == number]
             if not stands[own.moves[begin].line].new:
                 exact[rows] = original.nearest_on(free[rows], among) if among else done[-1].end
             else:
@@ -244,6 +248,14 @@ def without_offsets(
                 free[rows] = run_along(plain, among or done[-1:], passed)
         before, begin = after, end
     return free, exact
+
+
+def arrived(places: Floats, way: Floats, end: Floats) -> float:
+    """Way after which motors, less what they end with, only shift about an end: from the first rest near it on."""
+    near = np.linalg.norm(places - end, axis=1) < SHIFTED
+    near = np.logical_and.accumulate(near[::-1])[::-1]
+    rests = np.flatnonzero(near[1:] & (np.diff(way) == 0.0))
+    return float(way[rests[0]] if rests.size else way[-1])
 
 
 def along(points: Floats, share: Floats) -> Floats:
