@@ -13,7 +13,7 @@ from ph_post.compensate.friction import friction_of_machine
 from ph_post.compensate.layout import without_axes
 from ph_post.compensate.motion import cycle_time, without_strategy
 from ph_post.compensate.offsets import command_of, plan_time
-from ph_post.compensate.sizes import Sizes, measure_sizes
+from ph_post.compensate.sizes import Sizes, sizes_of
 from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
 from ph_post.compensate.violations import check_command
 from ph_post.simulate.assess import for_each_scenario, is_nominal, scenarios
@@ -219,7 +219,7 @@ class Checker:
 
     def measure(self, command: Command, tried: Sequence[Scenario]) -> tuple[Sizes, ...]:
         """Sizes of the error in some scenarios, of the rows that count."""
-        return measure_sizes(command, self.planner.machine, self.nominal, tried)
+        return for_each_scenario(command, self.planner.machine, self.nominal, tried, sizes_of)
 
     def around(self, command: Command, middles: Array, tried: Sequence[Scenario]) -> tuple[tuple[Array, Array], ...]:
         """Largest size of the error [m], and its mean square's parts, around windows by the middles between them."""

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from ph_post.expand.fanuc_blocks import FanucBlocks, MacroWord
-from ph_post.expand.faults import ExpandError, NotExpandableError
+from ph_post.expand.faults import MOST_CALLS, ExpandError, NotExpandableError
 from ph_post.expand.lines import Source
 from ph_post.expand.macro import (
     ARGUMENTS,
@@ -29,7 +29,6 @@ from ph_post.expand.run import Find
 from ph_post.expand.values import ParameterFrame
 from ph_post.gcode.codes import CALLS, M_EFFECT
 
-_MOST_CALLS: Final = 10
 _LETTERS: Final = re.compile(r"([a-z,]*[a-z])(.*)")
 _MODAL_CALL: Final = ("66", "66.1")
 _OTHER_CALLS: Final = frozenset(np.flatnonzero(M_EFFECT == CALLS).tolist())
@@ -242,8 +241,8 @@ class FanucRunner:
             frame = ParameterFrame(arguments)
         if times < 1:
             return
-        if len(self.calls) > _MOST_CALLS:
-            raise ExpandError(f"subprograms call each other more than {_MOST_CALLS} deep")
+        if len(self.calls) > MOST_CALLS:
+            raise ExpandError(f"subprograms call each other more than {MOST_CALLS} deep")
         source, first = self._target(label)
         made = MacroCall(source=source, first=first, last=self._end(source, first), at=first + 1, again=times - 1)
         self.calls.append(made)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 MOST_CALLS: Final = 10
-"""Subprograms that may call each other: LinuxCNC's own bound."""
+"""Subprograms that may call each other: LinuxCNC's own bound, and that of programs for Fanuc here."""
 
 
 class ExpandError(Exception):

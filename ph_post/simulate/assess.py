@@ -22,7 +22,7 @@ from ph_post.simulate.contour import (
     first_counted,
     turning_errors,
 )
-from ph_post.simulate.machine import axis_command, first_flank, simulate
+from ph_post.simulate.machine import Runs, axis_command, first_flank, simulate
 from ph_post.types import Array, Axis, Command, IntArray, Machine, Pickup, Run, Scenario, TurningPoint
 
 T = TypeVar("T")
@@ -125,12 +125,14 @@ def for_each_scenario(
 ) -> tuple[T, ...]:
     """Take something from the errors (n,) [m] of the rows that count in each scenario, side by side.
 
-    No run and no errors are kept, however many scenarios there are.
+    Few runs and errors are kept, however many scenarios there are: those that others may be alike.
     """
-    first = first_counted(command, machine)
+    first, runs = first_counted(command, machine), Runs(command, machine)
+    alike = AlikeRows(lambda table, rows: nominal.nearest(table, command.s[rows]).error)
 
     def measure(scenario: Scenario) -> T:
-        return take(_measured(command, machine, nominal, scenario)[1].error[first:])
+        errors = alike.errors(runs.of(scenario).executed)[first:]
+        return take(np.abs(errors) if nominal.dimension > 2 else errors)
 
     return run_scenarios(measure, tried)
 

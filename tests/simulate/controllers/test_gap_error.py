@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from msgspec.structs import replace
 
 import ph_post as ph
 from ph_post.gcode.read import read_program
+from ph_post.simulate.contour import ContourError
 from ph_post.simulate.controllers.deviation import follow_cut
 from ph_post.simulate.controllers.gap_error import program_gap_error
 from ph_post.simulate.controllers.run import run_program
@@ -69,6 +71,15 @@ def test_a_slower_program_adds_nothing_without_backlash(text: str) -> None:
         assert found.max < 1e-6
 
 
+def require_within_all_causes(found: Any, without: ContourError | None) -> None:
+    """Backlash adds no more than all causes leave, and what is left without it."""
+    after, gap = found.after.error, found.after.error_gap
+    assert after is not None
+    assert gap is not None
+    assert without is not None
+    assert gap.max < after.max + without.max
+
+
 def test_on_a_late_circle_it_is_that_of_play_on_the_smaller_one() -> None:
     """Play holds a table g/2 back along each axis: g/2 (cos - sin) from the circle, g √(1/4 - 1/2π) in all.
 
@@ -104,11 +115,7 @@ def test_what_backlash_adds_to_linked_chords_is_no_more_than_all_causes_leave(
     found = ph.compensate(file, rounded, max_slowdown=0.1)
     assert any(row.compensated for row in found.axis_reversals)
     without = ph.compensate(file, replace(late(0.0), dialect="linuxcnc")).before.error
-    after, gap = found.after.error, found.after.error_gap
-    assert after is not None
-    assert gap is not None
-    assert without is not None
-    assert gap.max < after.max + without.max
+    require_within_all_causes(found, without)
 
 
 def test_what_backlash_adds_to_a_cusp_is_no_more_than_all_causes_leave(tmp_path: Path) -> None:
@@ -125,11 +132,7 @@ def test_what_backlash_adds_to_a_cusp_is_no_more_than_all_causes_leave(tmp_path:
     found = ph.compensate(file, quick(20e-6), max_slowdown=0.1)
     assert [(row.compensated, row.all) for row in found.axis_reversals] == [(4, 4), (5, 5)]
     without = ph.compensate(file, quick(0.0), max_slowdown=0.1).before.error
-    after, gap = found.after.error, found.after.error_gap
-    assert after is not None
-    assert gap is not None
-    assert without is not None
-    assert gap.max < after.max + without.max
+    require_within_all_causes(found, without)
 
 
 def test_nothing_is_left_of_backlash_where_a_late_table_goes_as_without_it(tmp_path: Path) -> None:
