@@ -53,7 +53,7 @@ def expanded_job(
     parameters = None if options.parameters is None else read_parameters(options.parameters)
     tools = None if options.tool_table is None else read_tools(options.tool_table)
     base = dialect.split("+", maxsplit=1)[0]
-    if base not in (*_SPOKEN, "fanuc", "siemens"):
+    if base not in (*_SPOKEN, "fanuc", "siemens", "heidenhain"):
         return job, (f"{job.name}: not written out: programs of {dialect} are taken as they are",)
     folders = Folders(_folders(job.name, options.subprograms))
     try:
@@ -71,6 +71,7 @@ def expanded_job(
             folders,
             fanuc=fanuc,
             sinumerik=base == "siemens",
+            klartext=base == "heidenhain",
             parameters=parameters,
             tools=tools,
             inches=inches,
@@ -169,6 +170,7 @@ def _again(original: PartProgram, kept: Written) -> bytes:
         folders,
         fanuc=kept.fanuc,
         sinumerik=kept.sinumerik,
+        klartext=kept.klartext,
         parameters=kept.parameters,
         tools=kept.tools,
         inches=kept.inches,

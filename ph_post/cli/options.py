@@ -403,7 +403,8 @@ _EXPANDING = (
         is_flag=True,
         help="Write a program out first: parameters, loops, subprograms, cycles and cutter compensation become plain "
         "motions. For LinuxCNC; subprograms, macros, cycles and turned coordinates also for Fanuc; R "
-        "parameters, repeats, loops and jumps for Siemens.",
+        "parameters, repeats, loops and jumps for Siemens; Q parameters, labels, jumps and drilling cycles for "
+        "Heidenhain.",
     ),
     click.option(
         "--subprograms",

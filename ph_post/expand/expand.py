@@ -12,6 +12,7 @@ import msgspec
 
 from ph_post.expand.fanuc import FanucRunner
 from ph_post.expand.faults import ExpandError
+from ph_post.expand.klartext import KlartextRunner
 from ph_post.expand.lines import Source
 from ph_post.expand.macro import FanucNumbers
 from ph_post.expand.run import ProgramRunner
@@ -36,15 +37,21 @@ _STRUCTURED: Final = re.compile(
 )
 """What a program of Siemens that computes has somewhere."""
 
-_TOP: Final = re.compile(r"\s*(?:%|;\$PATH=|[Oo:]\s*\d+\s*(?:\(.*)?$)")
+_CONVERSATIONAL: Final = re.compile(rb"\bCALL\s+LBL\b|GOTO\b|CYCL\s+CALL|Q[LR]?\d|M\s*99(?!\d)", re.IGNORECASE)
+"""What a conversational program of Heidenhain that computes has somewhere."""
+
+_TOP: Final = re.compile(r"\s*(?:%|;\$PATH=|[Oo:]\s*\d+\s*(?:\(.*)?$|(?:\d+\s+)?BEGIN\s+PGM\b)", re.IGNORECASE)
 """Lines that have to stand first."""
+
+_BOTTOM: Final = re.compile(r"\s*(?:\d+\s+)?END\s+PGM\b", re.IGNORECASE)
+"""The line that has to stand last."""
 
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 
 _MOST_STANDING: Final = 20
 """Stretches of one program that are tried in vain."""
 
-_R = TypeVar("_R", ProgramRunner, FanucRunner, SinumerikRunner)
+_R = TypeVar("_R", ProgramRunner, FanucRunner, SinumerikRunner, KlartextRunner)
 
 _FANUC_FILES: Final = ("", ".nc", ".NC", ".cnc", ".CNC", ".txt", ".TXT", ".tap", ".ngc")
 
@@ -104,11 +111,12 @@ def expand(
     *,
     fanuc: FanucNumbers | None = None,
     sinumerik: bool = False,
+    klartext: bool = False,
     parameters: Mapping[int, float] | None = None,
     tools: Mapping[int, ToolShape] | None = None,
     inches: bool = False,
 ) -> Expansion:
-    r"""Write out a program of LinuxCNC's language, or of Fanuc's.
+    r"""Write out a program of LinuxCNC's language, of Fanuc's, Siemens's or Heidenhain's.
 
     Parameters
     ----------
@@ -122,6 +130,9 @@ def expand(
         are written out, and what stands behind the end of the main program stays. Without it: LinuxCNC's language.
     sinumerik : bool
         Whether the language is that of Siemens: R parameters, repeats, loops, choices and jumps are written out.
+    klartext : bool
+        Whether it is a conversational program of Heidenhain: Q parameters, jumps, labels and drilling cycles are
+        written out.
     parameters : mapping of int to float, optional
         The controller's own file of parameters, for LinuxCNC.
     tools : mapping of int to ToolShape, optional
@@ -148,7 +159,7 @@ def expand(
     >>> found.data.split(b"\n")[2:7]
     [b'G21', b'G91 G1 X2.5', b'G91 G1 X5.', b'M30', b'O2']
     """
-    pattern = _STRUCTURED if sinumerik else _NEEDED if fanuc is None else _MACRO
+    pattern = _CONVERSATIONAL if klartext else _STRUCTURED if sinumerik else _NEEDED if fanuc is None else _MACRO
     if EXPANDED.first(data) >= 0 or pattern.search(_COMMENT.sub(b"", data)) is None:
         return Expansion(data=data)
     folders, source = folders or Folders(), Source(name, data.decode("latin-1"))
@@ -156,6 +167,9 @@ def expand(
     if sinumerik:
         siemens, lines = _run(lambda _: SinumerikRunner(source))
         changed = siemens.changed
+    elif klartext:
+        heidenhain, lines = _run(lambda _: KlartextRunner(source))
+        notes, changed = heidenhain.notes, heidenhain.changed
     elif fanuc is not None:
         folders.endings = _FANUC_FILES
         macro, lines = _run(lambda standing: FanucRunner(source, folders.find, fanuc, standing))
@@ -179,6 +193,7 @@ def expand(
         digest="",
         fanuc=fanuc,
         sinumerik=sinumerik,
+        klartext=klartext,
         files=folders.read,
         parameters=kept,
         tools=dict(tools or {}),
@@ -208,11 +223,18 @@ def _joined(data: bytes, lines: list[str], written: Written) -> bytes:
     at = 0
     while at < len(lines) and (not lines[at].strip() or _TOP.match(lines[at])):
         at += 1
-    style = SEMICOLON if written.sinumerik else Comments(upper=written.fanuc is not None)
+    style = SEMICOLON if written.sinumerik or written.klartext else Comments(upper=written.fanuc is not None)
     head = head_line(hashlib.sha256(data).hexdigest(), style)
-    text = b"".join(line.encode("latin-1") + end for line in [*lines[:at], head, *lines[at:]])
+    last = len(lines)
+    while written.klartext and last > at and (not lines[last - 1].strip() or _BOTTOM.match(lines[last - 1])):
+        last -= 1
+
+    def joined(part: list[str]) -> bytes:
+        return b"".join(line.encode("latin-1") + end for line in part)
+
+    text = joined([*lines[:at], head, *lines[at:last]])
     digest = hashlib.sha256(text).hexdigest()
-    return EXPANDED.add(text, msgspec.structs.replace(written, digest=digest), end, style)
+    return EXPANDED.add(text, msgspec.structs.replace(written, digest=digest), end, style) + joined(lines[last:])
 
 
 __all__ = ["ExpandError", "Expansion", "Folders", "expand"]

@@ -40,7 +40,8 @@ def number_text(value: float, decimals: int) -> str:
 class Written(msgspec.Struct, frozen=True, kw_only=True):
     """What the comments of a program that was changed keep of it.
 
-    `original` program; `digest` of the text before the comments; `fanuc`, how its control counts, or `sinumerik`;
+    `original` program; `digest` of the text before the comments; `fanuc`, how its control counts, `sinumerik` or
+    `klartext`;
     `files`, the subprograms that it called by name, so that it can be written out again; `parameters` of the
     controller, None where none were given; `tools` that were known; `inches` says that both count in them.
     """
@@ -49,6 +50,7 @@ class Written(msgspec.Struct, frozen=True, kw_only=True):
     digest: str
     fanuc: FanucNumbers | None = None
     sinumerik: bool = False
+    klartext: bool = False
     files: dict[str, bytes] = {}
     parameters: dict[int, float] | None = None
     tools: dict[int, ToolShape] = {}

@@ -145,3 +145,24 @@ def test_repeats_and_parameters_of_siemens(file, tmp_path):
     assert ph.undo(out) == source.read_bytes()
     assert ph.verify(source, out).ok
     assert ph.compensate(out, "stepper", expand=True, **how).program() == out.read_bytes()
+
+
+def test_repeats_parameters_and_cycles_of_heidenhain(tmp_path):
+    source = tmp_path / "part.h"
+    blocks = [
+        *("BEGIN PGM PART MM", "TOOL CALL 5 Z S1000 F300", "FN 0: Q1 =+20", "L X+0 Y+0 Z+30 R0 FMAX M3", "L Z+0 F600"),
+        *("LBL 1", "L X+Q1 F600", "L IY+2", "L X+0", "Q1 = Q1 + 1", "CALL LBL 1 REP 2", "L Z+30 R0 FMAX"),
+        "CYCL DEF 200 DRILLING ~\n  Q200=+2 ~\n  Q201=-5 ~\n  Q206=+150 ~\n  Q202=+5 ~\n  Q203=+0 ;SURFACE",
+        *("L X+10 Y+10 R0 FMAX M99", "L IX-5 R0 FMAX M99", "L Z+50 R0 FMAX M30", "END PGM PART MM"),
+    ]
+    source.write_text("".join(f"{number} {block}\n" for number, block in enumerate(blocks)))
+    how = {"dialect": "heidenhain", "max_slowdown": 1.0}
+    plain = ph.compensate(source, "stepper", **how)
+    result = ph.compensate(source, "stepper", expand=True, **how)
+    assert result.reversals.compensated == result.reversals.all > plain.reversals.compensated
+    out = tmp_path / "out.h"
+    result.write(out)
+    assert out.read_text().splitlines()[-1] == "16 END PGM PART MM"
+    assert ph.undo(out) == source.read_bytes()
+    assert ph.verify(source, out).ok
+    assert ph.compensate(out, "stepper", expand=True, **how).program() == out.read_bytes()

@@ -146,7 +146,7 @@ NAMED = {
         ("Q5 = Q6 + 3", "Q parameter: Q5 = Q6 + 3"),
         ("L X+9 M99", "call of a cycle: M99"),
         ("L X+9 M128", "unknown M function: M128"),
-        ("CYCL DEF 200 DRILLING", "cycle: CYCL DEF 200 DRILLING"),
+        ("CYCL DEF 220 PATTERN", "cycle: CYCL DEF 220 PATTERN"),
         ("CALL LBL 1", "call or jump: CALL LBL 1"),
         ("CALL PGM B", "call or jump: CALL PGM B"),
         ("/L X+9", "block delete: /L X+9"),

@@ -2,9 +2,10 @@
 
 Followed are L, CC, C, CR with X, Y, Z and their increments (IX), CP with PA or IPA, F, FMAX, a Q parameter that is set
 to a number as a feed, R0, RL, RR, TOOL CALL, STOP, M functions that are the same on every machine, cycles 9 (dwell)
-and 32 (tolerance); datum shifts and turned frames are noticed (cycles 7, 8, 10, 11, 19, 26, 247, PLANE). Everything
-else is named and passed through: tangential arcs, other polar coordinates, free contours, roundings and chamfers (with
-the move before them, whose end they cut off), other Q parameters, calls of cycles and labels, and what a jump or a
+and 32 (tolerance), and definitions of cycles that are called, which move nothing; datum shifts and turned frames are
+noticed (cycles 7, 8, 10, 11, 19, 26, 247, PLANE). Everything else is named and passed through: tangential arcs, other
+polar coordinates, free contours, roundings and chamfers (with the move before them, whose end they cut off), other Q
+parameters, calls of cycles and labels, moves behind M89, which calls a cycle at each, and what a jump or a
 repeat may run twice. What the words mean stands in :mod:`ph_post.dialects.heidenhain.dialect`.
 """
 
@@ -38,6 +39,7 @@ _SPACE: Final = re.compile(r"[RFM](?=\s|$)|\s+")
 _RADIUS: Final = re.compile(rf"R\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
 _ANGLE: Final = re.compile(rf"(I?)PA\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
 _SET: Final = re.compile(rf"(?:FN\s*0\s*:\s*)?(Q[LRS]?\d+)\s*=\s*({NUMBER})\s*")
+_VALUE: Final = re.compile(r"Q[LRS]?\d+\s*=")
 _SENSE: Final = re.compile(r"DR\s*([-+])")
 _CYCLE: Final = re.compile(r"CYCL\s+DEF\s+(\d+)(?:\.(\d+))?(.*)")
 _LAST_NUMBER: Final = re.compile(rf"({NUMBER})\s*$")
@@ -45,6 +47,8 @@ _TOOL: Final = re.compile(r"TOOL\s+CALL\b\s*(\"[^\"]*\"|Q[LRS]?\d+|\d+(?:\.\d+)?
 _QUIET: Final = ("BLK FORM", "TOOL DEF", "BEGIN PGM")
 _TURNS: Final = frozenset((8, 10, 11, 19, 26))
 _SHIFTS: Final = frozenset((7, 247))
+_CALLED: Final = frozenset((*range(1, 7), 17, 18, *range(200, 210), 240, 241, *range(251, 255), *range(262, 268)))
+"""Cycles that move when they are called, and not where they are defined."""
 _OTHERS: Final = re.compile(r"CTP|CT|LP|LCT|LN|FPOL|FLT|FL|FCT|FC|APPR|DEP|SPL")
 _INCLINED: Final = "PLANE"
 
@@ -92,6 +96,7 @@ class _KlartextFollower:
     def __init__(self, tnc: Tnc) -> None:
         self.tnc = tnc
         self._remark = ""
+        self._values = False
 
     def line(self, source: str) -> None:
         """Follow one line."""
@@ -103,7 +108,9 @@ class _KlartextFollower:
     def _translated(self, source: str) -> str:
         cycle = _CYCLE.match(source)
         if cycle is not None:
+            self._values = int(cycle[1]) in _CALLED
             return self._cycle(int(cycle[1]), cycle[2], cycle[3], source)
+        self._values = self._values and bool(_VALUE.match(source))
         if self._sets(source) or not source or source.startswith(("*", *_QUIET)) or re.match(r"LBL\b", source):
             return ""
         if source.startswith("END PGM"):
@@ -123,7 +130,9 @@ class _KlartextFollower:
             return True
         if found := re.match(r"(?:FN\s*\d+\s*:\s*)?(Q[LRS]?\d+)\s*=", source):
             self.tnc.parameters.pop(found[1], None)
-        if re.match(r"Q[LRS]?\d+\s*=", source):
+        if self._values:
+            return True
+        if _VALUE.match(source):
             # parameters of a cycle stand on lines of their own; the cycle has its note already
             raise NotFollowed(self._remark or "Q parameter", source)
         return False
@@ -244,7 +253,7 @@ class _KlartextFollower:
             if time is None:
                 raise NotFollowed("dwell without a time", source)
             return f"G4 P{time}"
-        if number == 32:
+        if number == 32 or number in _CALLED:
             return ""
         if number in _SHIFTS:
             self._remark = "datum"

@@ -57,6 +57,7 @@ _STEP: Final[Mapping[str, Decimal]] = {"G21": Decimal("0.0001"), "G20": Decimal(
 """Ends that follow from angles are rounded to what a program can say: blocks behind them name the same places."""
 
 _CALLS: Final = frozenset((89, 99))
+_MODAL_CALL: Final = 89
 
 Places = dict[str, tuple[bool, Decimal | None]]
 """By axis: whether it is incremental, and the number, None where that is computed."""
@@ -125,6 +126,7 @@ class Tnc:
         self.parameters: dict[str, Decimal] = {}
         self.feeds: dict[int, Decimal] = {}
         self._cut = False
+        self._called = False
         self.poles: dict[int, tuple[float | None, ...]] = {}
         self.arcs: dict[int, int] = {}
         self.users: dict[int, int] = {}
@@ -258,6 +260,8 @@ class Tnc:
             # What is put between the two moves of a corner would be its second one.
             self._cut = False
             raise NotFollowed("move behind a rounded or chamfered corner")
+        if self._called:
+            raise NotFollowed("move behind which M89 calls a cycle")
         words = []
         for axis, (incremental, number) in places.items():
             base = self._at.get(axis) if incremental else Decimal(0)
@@ -275,6 +279,7 @@ class Tnc:
         """Words of M functions."""
         for number in functions:
             if number in _CALLS:
+                self._called = number == _MODAL_CALL
                 raise NotFollowed("call of a cycle", f"M{number}")
             if number not in _FUNCTIONS and number not in _MACHINE:
                 raise NotFollowed("unknown M function", f"M{number}")
