@@ -6,6 +6,7 @@ Run from the project's root: ``python -m tests.support.confusion --help``.
 from __future__ import annotations
 
 import json
+import random
 import time
 import traceback
 from collections.abc import Iterable, Iterator
@@ -20,7 +21,7 @@ from tests.support.plants.draw import CHANNEL_SETS
 from tests.support.plants.ranks import tell_apart
 from tests.support.plants.score import Result, answered, judge, summary
 from tests.support.plants.sizes import LEADING
-from tests.support.plants.trials import LOOPS, Trial, nothings, outsiders, pairs, singles
+from tests.support.plants.trials import LOOPS, SINGLE_LOOPS, Trial, nothings, outsiders, pairs, singles
 
 
 def draw_one(trial: Trial, folder: Path) -> str:
@@ -58,6 +59,7 @@ def _listing(command: Any) -> Any:
         click.option("--nothing", default=0, help="Logs in which nothing is hidden."),
         click.option("--outside", default=0, help="Logs with an effect outside of the catalogue."),
         click.option("--pairs", "pair_count", default=0, help="Logs with two effects."),
+        click.option("--sample", default=0, help="Only so many of these, drawn at random, the same each time."),
         click.option("--cache", type=click.Path(path_type=Path), required=True, help="Folder of drawn cases."),
         click.option("--jobs", default=1),
     ):
@@ -66,15 +68,17 @@ def _listing(command: Any) -> Any:
 
 
 def _trials(
-    seeds: int, effects: Any, sets: Any, loops: Any, nothing: int, outside: int, pair_count: int
+    seeds: int, effects: Any, sets: Any, loops: Any, nothing: int, outside: int, pair_count: int, sample: int
 ) -> list[Trial]:
     chosen = [tuple(each.split("+")) for each in sets] or list(CHANNEL_SETS)
-    return [
-        *nothings(nothing),
+    some = loops or SINGLE_LOOPS
+    trials = [
+        *nothings(nothing, some),
         *singles(seeds, effects or tuple(LEADING), chosen, loops or LOOPS),
-        *outsiders(outside),
-        *pairs(pair_count),
+        *outsiders(outside, some),
+        *pairs(pair_count, some),
     ]
+    return random.Random(sample).sample(trials, min(sample, len(trials))) if sample else trials
 
 
 @main.command()

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from tests.support.cascade_plant import Drive
 from tests.support.plants.tracks import Track
 
 
@@ -28,7 +29,8 @@ class Plant:
     """Constants of Eqs. (9) and (16), lost motion `gap` [m], servo stiffness K [N/m], and the hidden effects.
 
     `electronic` [s] is the share of c that the drive makes itself; `kept` the part of the motor's momentum
-    that survives a pick-up, 0 for Eq. (14); `flank` the side that the motor touches at first.
+    that survives a pick-up, 0 for Eq. (14); `flank` the side that the motor touches at first. With a `drive` the
+    axis is in a cascade: b is 1 / (ω_v K_v), c is 1 / K_v and its own damping, and its speed is read at `fast_side`.
     """
 
     feedback: str
@@ -42,6 +44,8 @@ class Plant:
     electronic: float = 0.0
     flank: int = 1
     effects: tuple[Hidden, ...] = ()
+    drive: Drive | None = None
+    fast_side: str = "motor"
 
     def effect(self, name: str) -> Hidden | None:
         return next((each for each in self.effects if each.name == name), None)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import io
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from tests.support.cascade_plant import Drive
 from tests.support.plants.axis import Hidden, Plant
 from tests.support.plants.readings import NAMES, Floats, Readings
 from tests.support.plants.tracks import Mirrored, Stretch, Track
@@ -97,11 +99,11 @@ class Case:
 
 
 def _axis(name: str, plant: Plant, known_flank: bool) -> list[str]:
+    gains = [f"b = {plant.b:.9g}", f"c = {plant.c:.9g}"] if plant.drive is None else []
     lines = [
         f"[axes.{name}]",
         f'feedback = "{plant.feedback}"',
-        f"b = {plant.b:.9g}",
-        f"c = {plant.c:.9g}",
+        *gains,
         f"lost_motion_mm = {plant.gap * MM:.9g}",
         f"servo_stiffness_n_per_mm = {plant.stiffness / MM:.9g}",
         "max_velocity_mm_s = 300",
@@ -118,6 +120,25 @@ def _axis(name: str, plant: Plant, known_flank: bool) -> list[str]:
         ]
     if known_flank:
         lines.append(f'initial_flank = "{"+" if plant.flank > 0 else "-"}"')
+    if plant.drive is not None:
+        lines += _control(name, plant, plant.drive)
+    return lines
+
+
+def _control(name: str, plant: Plant, drive: Drive) -> list[str]:
+    lines = [
+        f"[axes.{name}.control]",
+        'structure = "cascade"',
+        f"position_gain_per_s = {drive.kv:.9g}",
+        f"velocity_gain_per_s = {drive.wv:.9g}",
+        f"velocity_feedforward_percent = {100.0 * drive.velocity:.9g}",
+    ]
+    if plant.feedback == "load":
+        lines.append(f'velocity_feedback = "{plant.fast_side}"')
+    if drive.tn < math.inf:
+        lines.append(f"velocity_integral_time_ms = {MM * drive.tn:.9g}")
+    if drive.current:
+        lines.append(f"current_bandwidth_hz = {0.5 / math.pi / drive.current:.9g}")
     return lines
 
 
@@ -154,7 +175,12 @@ def load(path: Path) -> Case:
         track._add((Mirrored if mirrored else Stretch)(**piece))
     for key in ("plants", "bases", "files"):
         told[key] = tuple(
-            Plant(**plant | {"effects": tuple(Hidden(*pair) for pair in plant["effects"])}) for plant in told[key]
+            Plant(
+                **plant
+                | {"effects": tuple(Hidden(*pair) for pair in plant["effects"])}
+                | {"drive": Drive(**plant["drive"]) if plant.get("drive") else None}
+            )
+            for plant in told[key]
         )
     t = arrays.pop("t")
     commands = tuple(arrays.pop(f"cmd {i}") for i in range(len(told["plants"])))

@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
+from tests.support.cascade_plant import Drive
 from tests.support.plants.axis import Plant
 from tests.support.plants.cases import Case, Truth
 from tests.support.plants.courses import draw_course, pace
 from tests.support.plants.readings import NAMES, Floats, Observer, Readings, Sensor
-from tests.support.plants.sizes import DRAWS, LEADING, NEEDS_GAP, NEEDS_TWO, Change, Setting
+from tests.support.plants.sizes import DRAWS, LEADING, MISMATCHED, NEEDS_GAP, NEEDS_TWO, Change, Setting
 
 LEAST, MOST = 3.0, 100.0
 """Noise floors that a hidden effect shall add to the recorded channels."""
@@ -60,6 +61,23 @@ def draw_plant(rng: np.random.Generator, feedback: str, effects: Sequence[str], 
     )
 
 
+WEIGHTS = (0.0, 0.7, 0.95, 1.0)
+"""Speed fed forward, by seed."""
+
+
+def in_cascade(rng: np.random.Generator, plant: Plant, weight: float) -> Plant:
+    """The same axis in a cascade: K_v from 15 to 100 1/s, a velocity loop 4 to 8 times as fast, most with T_n."""
+    kv = _log_uniform(rng, 15.0, 100.0)
+    wv = kv * float(rng.uniform(4.0, 8.0))
+    tn = float(rng.uniform(3.0, 6.0)) / wv if rng.random() < 0.75 else math.inf
+    current = float(rng.choice([0.0, 2e-4, 5e-4]))
+    drive = Drive(kv=kv, wv=wv, tn=tn, velocity=weight, current=current)
+    b = 1.0 / (kv * wv)
+    own = plant.eta * plant.beta * b if plant.feedback == "load" else 0.0
+    side = str(rng.choice(["motor", "load"])) if plant.feedback == "load" else "motor"
+    return replace(plant, b=b, c=1.0 / kv + own, drive=drive, fast_side=side)
+
+
 def draw_sensor(rng: np.random.Generator, force: bool, shifted: bool) -> Sensor:
     noise = float(rng.uniform(1e-7, 5e-7))
     step = float(rng.choice([5e-8, 1e-7, 2e-7, 5e-7]))
@@ -96,12 +114,16 @@ class _Drawing:
         self.known_flank = bool(rng.random() < 0.5)
         flank = int(rng.choice([-1, 1]))
         count = 2 if two else 1
-        self.bases = tuple(draw_plant(rng, feedback, effects, flank) for _ in range(count))
+        loop, _, side = feedback.partition("-")
+        self.bases = tuple(draw_plant(rng, side or loop, effects, flank) for _ in range(count))
+        if loop == "cascade":
+            weight = WEIGHTS[seed % len(WEIGHTS)]
+            self.bases = tuple(in_cascade(rng, base, weight) for base in self.bases)
         shifted = bool(rng.random() < 0.5)
         self.wanted = columns(channels, NAMES[:count])
         self.sensors = {name: draw_sensor(rng, name.endswith("_force"), shifted) for name in self.wanted}
         self.floors = {name: sensor.floor for name, sensor in self.sensors.items()}
-        self.at_motor = channels[0] == "unknown" and feedback == "motor" and bool(rng.random() < 0.5)
+        self.at_motor = channels[0] == "unknown" and self.bases[0].feedback == "motor" and bool(rng.random() < 0.5)
         self.observer = Observer(self.track)
 
     def hide(self, name: str, axis: int) -> tuple[Change, float, float]:
@@ -170,7 +192,12 @@ def draw_case(
 
 
 def _file(base: Plant, rng: np.random.Generator, wrong: float) -> Plant:
+    """What the file has of an axis, a little off; what is fed forward is a setting, and known."""
     b, c, gap = (float(1.0 + wrong * rng.uniform(-1.0, 1.0)) for _ in range(3))
+    if base.drive is not None:
+        drive = replace(base.drive, kv=base.drive.kv / c, wv=base.drive.wv * c / b)
+        own = base.c - 1.0 / base.drive.kv
+        return replace(base, b=base.b * b, c=1.0 / drive.kv + own * b, gap=base.gap * gap, drive=drive)
     return replace(base, b=base.b * b, c=base.c * c, gap=base.gap * gap)
 
 
@@ -179,14 +206,25 @@ def _leading(name: str, plant: Plant, base: Plant) -> tuple[str, float]:
     if name in ("backlash", "engagement_impact"):
         return LEADING[name], plant.gap if name == "backlash" else plant.kept
     if name == "servo_mismatch":
-        which = "b" if plant.b != base.b else "c"
-        return which, getattr(plant, which)
+        return _mismatched(plant, base)
     hidden = plant.effect(name)
     if hidden is None or name not in LEADING:
         return "", 0.0
+    if name == "command_filter":
+        return next(iter(hidden.parameters.items()))
     if name == "friction_asymmetry":
         return LEADING[name], hidden["plus"] - hidden["minus"]
     return LEADING[name], hidden[LEADING[name]]
+
+
+def _mismatched(plant: Plant, base: Plant) -> tuple[str, float]:
+    """The number of a servo that is not as it was."""
+    if plant.drive is None or base.drive is None:
+        which = "b" if plant.b != base.b else "c"
+        return which, getattr(plant, which)
+    was, now = asdict(base.drive), asdict(plant.drive)
+    which = next(key for key in MISMATCHED if now[key] != was[key])
+    return MISMATCHED[which], now[which]
 
 
 def whiten(case: Case, readings: Readings) -> Floats:

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from tests.support.plants.axis import Forces, Plant
+from tests.support.plants.cascades import CascadeBody
 from tests.support.plants.stepping import Floats, solve, stop
 from tests.support.plants.tracks import Track
 
@@ -58,9 +59,13 @@ def follow(plant: Plant, track: Track, axis: int = 0) -> Motion:
         return _behind(plant, forces, n, windup)
     if windup is not None:
         return _two_masses(plant, forces, n, windup["resonance"], windup["damping_ratio"])
-    body = _Body(plant, forces, np.arange(n + 1) * PERIOD)
+    body = _body(plant, forces, np.arange(n + 1) * PERIOD)
     body.run()
     return body.motion(body.rows)
+
+
+def _body(plant: Plant, forces: Forces, grid: Floats) -> _Body | _InCascade:
+    return _Body(plant, forces, grid) if plant.drive is None else _InCascade(plant, forces, grid)
 
 
 class _Body:
@@ -208,10 +213,18 @@ class _Body:
         return self._rest
 
 
+class _InCascade(CascadeBody):
+    """The same of an axis in a cascade."""
+
+    def motion(self, rows: Floats) -> Motion:
+        X = np.array([self.forces.asked(t) for t in self.grid.tolist()])
+        return Motion(self.grid, X, rows[:, 0], rows[:, 2], rows[:, 1], rows[:, 3], tuple(self.events))
+
+
 def _behind(plant: Plant, forces: Forces, n: int, windup: Any) -> Motion:
     """The loop over the motor, or none: the gap and the spring follow behind."""
     grid = np.arange(n * FINER + 1) * (PERIOD / FINER)
-    body = _Body(plant, forces, grid)
+    body = _body(plant, forces, grid)
     if plant.b > 0.0:
         body.run()
     else:

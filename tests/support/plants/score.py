@@ -88,6 +88,8 @@ def metric(value: float, unit: str, plant: Plant) -> float:
     sizes = {
         "": 1.0,
         "1": 1.0,
+        "1/s": 1.0,
+        "%": 1e-2,
         "mm/mm": 1.0,
         "m/m": 1.0,
         "s": 1.0,

@@ -47,7 +47,11 @@ LEADING: Mapping[str, str] = {
     "torque_saturation": "limit",
     "cogging": "force",
     "cutting_force": "force",
+    "command_filter": "length",
 }
+MISMATCHED = {"velocity": "velocity_feedforward", "kv": "position_gain", "wv": "velocity_gain"}
+"""Numbers of a cascade that may be off, by what a diagnosis calls them."""
+
 OUTSIDE = (
     "hum",
     "stiffening",
@@ -109,7 +113,43 @@ def _viscous(rng: np.random.Generator, of: Setting) -> Change:
     return change
 
 
+def _gain_off(rng: np.random.Generator, of: Setting) -> Change:
+    """Of a cascade: what is fed forward, K_v, or ω_v; a gain only where it shows in what is left to the loop."""
+    drive = of.plant.drive
+    assert drive is not None
+    which, way = str(rng.choice(["velocity", "kv", "wv"])), _sign(rng)
+
+    def change(plant: Plant, size: float) -> Plant:
+        share = {
+            "velocity": drive.kv * size / of.pace.velocity,
+            "kv": drive.kv * size / of.pace.velocity / max(1.0 - drive.velocity, 0.1),
+            "wv": drive.kv * drive.wv * size / of.pace.acceleration,
+        }[which]
+        if which == "velocity":
+            off = float(np.clip(share, 0.03, 0.45))
+            up = way > 0.0 and drive.velocity + off <= 1.0
+            there = drive.velocity + off if up or drive.velocity < off else drive.velocity - off
+            return replace(plant, drive=replace(drive, velocity=there))
+        times = 1.0 + way * float(np.clip(share, 0.08, 0.45))
+        if which == "wv":
+            return replace(plant, b=plant.b / times, drive=replace(drive, wv=drive.wv * times))
+        own = plant.c - 1.0 / drive.kv
+        quicker = replace(drive, kv=drive.kv * times)
+        return replace(plant, b=plant.b / times, c=own + 1.0 / quicker.kv, drive=quicker)
+
+    return change
+
+
+def _command_filter(rng: np.random.Generator, of: Setting) -> Change:
+    name, times = (("moving_average", 2.0), ("exponential_filter", 1.0))[int(rng.integers(2))]
+    return lambda plant, size: with_effect(
+        plant, "command_filter", **{name: max(times * size / of.pace.velocity, 1e-3)}
+    )
+
+
 def _mismatch(rng: np.random.Generator, of: Setting) -> Change:
+    if of.plant.drive is not None:
+        return _gain_off(rng, of)
     which, way = str(rng.choice(["b", "c"])), _sign(rng)
     unit = of.pace.acceleration if which == "b" else of.pace.velocity
 
@@ -262,6 +302,7 @@ DRAWS: Mapping[str, Draw] = {
     "torque_saturation": _saturation,
     "cogging": _cogging,
     "cutting_force": _cutting,
+    "command_filter": _command_filter,
     "hum": _hum,
     "stiffening": lambda rng, of: (
         lambda plant, size: with_effect(plant, "stiffening", force=2.0 * size, at=1.5 * of.pace.place)
