@@ -92,7 +92,7 @@ def arriving(cascade: Cascade, command: Array, slope: float, period: float) -> A
     return Arriving(position, np.diff(np.concatenate([[before], position, [behind]]), 2) / period**2)
 
 
-def torque_of_motion(cascade: Cascade, command: Array, place: Array, speed: Array, period: float) -> Array:
+def torque_of_motion(cascade: Cascade, command: Array, place: Array, fast: Array, period: float) -> Array:
     """Return what a cascade gives by a motion, as F/K, shape (n,) [m]; it begins with an empty integrator.
 
     Parameters
@@ -100,23 +100,45 @@ def torque_of_motion(cascade: Cascade, command: Array, place: Array, speed: Arra
     cascade : Cascade
     command : Array, shape (n,)
         As it was sent [m].
-    place, speed : Array, shape (n,)
-        Of the sides that its loops see [m, m/s].
+    place, fast : Array, shape (n,)
+        Places of the sides that its position loop and its velocity loop see [m].
     period : float
         [s].
+
+    Notes
+    -----
+    The integral of a speed is a place, which is not differentiated for it; where it is, a pick-up, in which a speed
+    jumps, is not smeared over its neighbours.
     """
     sent = arriving(cascade, command, 0.0, period)
     off = sent.position - place
     off = off - np.clip(off, -cascade.deadband, cascade.deadband)
-    asked = cascade.velocity_feedforward * np.gradient(sent.position, period) - speed
-    torque = np.zeros_like(off)
+    tau = 1.0 / cascade.position_gain
+    ahead = cascade.velocity_feedforward * (sent.position - sent.position[0]) - (fast - fast[0])
+    total = period * (np.cumsum(off) - 0.5 * off) + tau * ahead
+    given = off.copy()
     if sent.acceleration.size:
-        asked += cascade.acceleration_lead * sent.acceleration
-        inertia = 1.0 / (cascade.velocity_gain * cascade.position_gain)
-        torque = cascade.acceleration_feedforward * inertia * sent.acceleration
-    asked = off + asked / cascade.position_gain
-    given = asked + cascade.integral_rate * period * np.cumsum(asked) + torque
-    return _smoothed(given, cascade.current_time / period)
+        total += tau * cascade.acceleration_lead * np.gradient(sent.position, period)
+        given += (
+            tau
+            * (cascade.acceleration_lead + cascade.acceleration_feedforward / cascade.velocity_gain)
+            * (sent.acceleration)
+        )
+    given += cascade.integral_rate * total
+    return _smoothed(given + tau * _speeds(ahead, period), cascade.current_time / period)
+
+
+def _speeds(place: Array, period: float) -> Array:
+    """Return the speeds of places that may have kinks between samples, shape (n,): from the side that has none."""
+    steps = np.diff(place) / period
+    if steps.size < 4:
+        return np.asarray(np.gradient(place, period))
+    bend = np.diff(steps)
+    found = np.gradient(place, period)
+    before, behind = steps[1:-2] + 0.5 * bend[:-2], steps[2:-1] - 0.5 * bend[2:]
+    kinked = np.abs(before - behind) > 0.5 * np.abs(bend[1:-1])
+    found[2:-2] = np.where(kinked, np.where(np.abs(bend[:-2]) < np.abs(bend[2:]), before, behind), found[2:-2])
+    return np.asarray(found)
 
 
 def _late(off: Array, samples: float) -> Array:

@@ -226,7 +226,7 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
                 e = following_error(plant, command, table, motor, period)
             else:
                 seen = motor if plant.cascade.velocity_feedback == "motor" else table
-                e = torque_of_motion(plant.cascade, command, side, np.gradient(seen, period), period)
+                e = torque_of_motion(plant.cascade, command, side, seen, period)
             # With a part of c that is electronic this is where the torque saturates at low speed only.
             e = np.clip(e, -plant.saturation, plant.saturation)
             found["force"] = np.stack([e, speed], axis=1)[::parts]

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.support.cascade_plant import Drive, motor_of, two_bodies
 from tests.support.plants.axis import Forces, Hidden, Plant
 from tests.support.plants.loops import Motion, _Body, follow
 from tests.support.plants.tracks import Track
@@ -153,3 +154,27 @@ def test_circles_and_moves_are_smooth() -> None:
         assert np.max(np.abs(np.gradient(place, t) - velocity)) < 5e-6
         assert np.max(np.abs(np.gradient(velocity, t) - acceleration)) < 2e-3
         assert np.max(np.abs(np.diff(acceleration))) < 0.02
+
+
+TO_AND_FRO = Track().rest(0.1).move((0.02, 0.0), 0.05, 1.0).rest(0.05).move((-0.02, 0.0), 0.05, 1.0).rest(0.1)
+CASCADE = Drive(tn=12e-3, velocity=0.95, current=5e-4)
+STEADY = 1.0 / (CASCADE.kv * CASCADE.wv)
+
+
+def test_a_cascade_with_friction_is_that_of_plain_steps() -> None:
+    dry = Hidden("coulomb_friction", {"force": 5e-6})
+    motion = follow(Plant("motor", STEADY, 1.0 / CASCADE.kv, effects=(dry,), drive=CASCADE), TO_AND_FRO)
+    stepped = motor_of(CASCADE, motion.command, 5e-6 / STEADY, fine=50)
+    assert np.max(np.abs(motion.motor - stepped)) < 1e-6
+    assert np.max(np.abs(motion.command - motion.motor)) > 5e-5
+
+
+@pytest.mark.parametrize("side", ["motor", "load"])
+def test_a_cascade_around_a_gap_is_that_of_plain_steps(side: str) -> None:
+    eta, beta = 0.4, 3.0
+    c = 1.0 / CASCADE.kv + eta * beta * STEADY
+    plant = Plant("load", STEADY, c, gap=3e-5, eta=eta, beta=beta, drive=CASCADE, fast_side=side)
+    motion = follow(plant, TO_AND_FRO)
+    stepped = two_bodies(CASCADE, motion.command, 3e-5, eta, beta, eta * beta, "standstill", side)
+    assert np.sqrt(np.mean((motion.table - stepped) ** 2)) < 3e-7
+    assert motion.times("pickup")

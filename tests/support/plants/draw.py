@@ -115,7 +115,8 @@ class _Drawing:
         flank = int(rng.choice([-1, 1]))
         count = 2 if two else 1
         loop, _, side = feedback.partition("-")
-        self.bases = tuple(draw_plant(rng, side or loop, effects, flank) for _ in range(count))
+        own = (side or "motor") if loop == "cascade" else loop
+        self.bases = tuple(draw_plant(rng, own, effects, flank) for _ in range(count))
         if loop == "cascade":
             weight = WEIGHTS[seed % len(WEIGHTS)]
             self.bases = tuple(in_cascade(rng, base, weight) for base in self.bases)
