@@ -20,7 +20,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from support.amount import ALL, examples
+from support.amount import ALL, EVERY, examples
 
 # More than a hundred processes start in a run: what one of them has compiled is kept for the next.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -104,8 +104,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if thinned := item.get_closest_marker("thinned"):
             function = item.nodeid.partition("[")[0]
-            if cases[function] % thinned.args[0]:
+            always, slowly = (*thinned.args, 1)[:2]
+            if cases[function] % always:
                 item.add_marker(pytest.mark.slow)
+            if cases[function] % slowly and os.environ.get(ALL) != EVERY:
+                item.add_marker(pytest.mark.skip(reason=f"one in {slowly} is tried: all with {ALL}={EVERY}"))
             cases[function] += 1
         if item.path.is_relative_to(HERE) and item.path.relative_to(HERE).parts[0] in SLOW_FOLDERS:
             item.add_marker(pytest.mark.slow)

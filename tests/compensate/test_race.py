@@ -75,6 +75,7 @@ def test_runs_that_share_their_rest_have_the_sizes_of_whole_ones(path: str, mach
 
 
 @pytest.mark.parametrize(("machine", "times"), [("stepper", 1), ("router", 2)])
+@pytest.mark.thinned(2)
 def test_nothing_is_tried_without_inverse_dynamics_where_no_axis_lags(machine: str, times: int) -> None:
     said: list[str] = []
     options = PlanOptions(strategy="auto", inverse_dynamics=True, effort=0.01)

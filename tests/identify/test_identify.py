@@ -39,6 +39,7 @@ def record(plant: Plant, *channels: str, seed: int = 1, track: Track | None = No
         (LOAD, ("act", "motor"), {"b", "c", "lost_motion", "inertia_fraction", "motor_time_constant"}),
     ],
 )
+@pytest.mark.thinned(4)
 def test_a_drive_is_found_within_its_standard_errors(plant, channels, names) -> None:
     track = to_and_fro(np.random.default_rng(1), 8)
     drive = identify(record(plant, *channels, track=track), None, {"X": plant.feedback}).drives["X"]
@@ -148,6 +149,7 @@ def test_without_a_reversal_no_gap_shows() -> None:
         (("act",), "unknown", "the reading may be the motor's, where friction looks like backlash"),
     ],
 )
+@pytest.mark.thinned(2)
 def test_a_side_that_shows_no_gap_says_so(channels, side, words) -> None:
     found = identify(record(MOTOR, *channels, side=side), None, {"X": "motor"})
     assert "lost_motion" not in found.drives["X"].parameters

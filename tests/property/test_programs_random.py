@@ -14,6 +14,7 @@ NUMBERS = sample(KINDS, 1)
 
 
 @pytest.mark.parametrize("number", NUMBERS)
+@pytest.mark.thinned(3)
 def test_no_program_is_worse_or_slower_than_allowed_and_every_claim_is_true(number: int) -> None:
     for one in judge(random_cut(number), ALLOWED[::2] if os.environ.get(ALL) else ALLOWED[::4]):
         assert one.in_time, described(one)

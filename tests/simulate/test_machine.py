@@ -50,7 +50,7 @@ PICKUPS = ("standstill", "momentum", "contact")
 LOAD_LOOPS = list(product(("P", "PI", "PID"), PICKUPS, ("sines", "trapezoids", "circle")))
 
 
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(7, 2)
 @pytest.mark.parametrize(("control", "pickup", "kind"), LOAD_LOOPS)
 def test_load_loops(control: str, pickup: Pickup, kind: str) -> None:
     rng = np.random.default_rng([len(control), len(pickup), len(kind)])
@@ -115,7 +115,7 @@ EFFECTS = {
 }
 
 
-@pytest.mark.thinned(5)
+@pytest.mark.thinned(7, 3)
 @pytest.mark.parametrize(("name", "pickup", "flank"), list(product(EFFECTS, PICKUPS, (1, -1))))
 def test_effects_inside_the_loop(name: str, pickup: Pickup, flank: int) -> None:
     axis = make_axis("load", **SOFT, pickup=pickup, flank=flank, effects=EFFECTS[name])
@@ -129,7 +129,7 @@ def test_effects_inside_the_loop(name: str, pickup: Pickup, flank: int) -> None:
     ids=[k for k in EFFECTS if k != "half impact"],
 )
 @pytest.mark.parametrize("flank", [1, pytest.param(-1, marks=pytest.mark.slow)])
-@pytest.mark.thinned(6)
+@pytest.mark.thinned(6, 2)
 def test_effects_with_the_gap_outside(effects: list[EffectSetting], flank: int) -> None:
     case = Case(make_axis("motor", **SOFT, flank=flank, effects=effects), WAVES, PERIOD)
     assert_same(run_case(case), reference(case))

@@ -10,6 +10,9 @@ import numpy as np
 ALL = "PH_POST_ALL_TESTS"
 """Environment variable that asks for the slow tests too, as `.ci/run` does."""
 
+EVERY = "every"
+"""Its value that asks for every case too of which `.ci/run` tries a part."""
+
 PART = 4
 """Of so many random examples one is tried where nobody asks for all."""
 

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 
-from support.amount import sample
+from support.amount import ALL, EVERY, sample
 
 
 @pytest.mark.thinned(4)
 @pytest.mark.parametrize("number", range(9))
 def test_of_cases_that_are_alike_some_are_tried_always(number: int, request: pytest.FixtureRequest) -> None:
     assert bool(request.node.get_closest_marker("slow")) == (number % 4 > 0)
+
+
+@pytest.mark.thinned(4, 2)
+@pytest.mark.parametrize("number", range(9))
+def test_of_cases_that_are_alike_one_in_two_is_tried_where_not_every_one_is_asked_for(number: int) -> None:
+    assert number % 2 == 0 or os.environ[ALL] == EVERY
 
 
 def test_a_sample_has_some_of_every_kind_and_is_always_the_same() -> None:
