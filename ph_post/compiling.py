@@ -9,6 +9,7 @@ files, and where that fails, too, the code is compiled in every run.
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import stat
 import sys
@@ -21,6 +22,7 @@ import numpy as np
 from numba import config, njit
 from numba.core import event as events
 from numba.core import types as kinds
+from numba.np import linalg
 
 from ph_post.types import Array
 
@@ -30,6 +32,22 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 PATIENCE: Final = 0.7
 """Time [s] after which the user is told that the compiler is at work."""
+
+
+def _load_without_blas() -> None:
+    """Have numba load its functions of arrays without scipy's matrices, which it does to see whether they are there.
+
+    They are, as scipy is required; what multiplies matrices loads them by itself. That is a sixth of a start.
+    """
+    matrices: Any = linalg
+    ensure, matrices.ensure_blas = matrices.ensure_blas, lambda: None
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        matrices.ensure_blas = ensure
+
+
+_load_without_blas()
 
 
 class _CompileNotice(events.Listener):

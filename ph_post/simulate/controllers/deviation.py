@@ -32,11 +32,13 @@ from ph_post.geometry.closest import (
     closest_within,
     follow_path,
     make_pieces,
+    pieces_at,
     points_at,
 )
 from ph_post.simulate.assess import AlikeRows, is_nominal, resting_axes, run_scenarios, scenarios
 from ph_post.simulate.contour import ContourError, contour_error, settling_time
 from ph_post.simulate.controllers.counterparts import Counterparts, approaches, counterparts
+from ph_post.simulate.controllers.exact_path import steps_of
 from ph_post.simulate.controllers.legs import Legs
 from ph_post.simulate.controllers.run import limit_table, programmed
 from ph_post.simulate.controllers.unknown import known_rows, rows_before
@@ -111,6 +113,7 @@ class CutPath:
             raise InputError(program.name, "the program moves nothing that is understood")
         self.legs = Legs(*(np.ascontiguousarray(column[kept]) for column in legs))
         self.starts = np.concatenate([[0.0], np.cumsum(self.legs.length)])
+        self._first_leg = np.searchsorted(self.legs.motion, np.arange(program.motions.kind.size + 1))
         self._pieces = pieces_of(self.legs)
         self._machine = machine
         self._works = working_motions(program, machine.tool).on
@@ -137,12 +140,12 @@ class CutPath:
         From `first` to before `end` (n,) there may be none: then it is the joint there. Of turns of a circle it is the
         one next to a `place` (n,) [m].
         """
-        low, high = (np.searchsorted(self.legs.motion, motion) for motion in (first, end))
+        low, high = self._first_leg[first], self._first_leg[end]
         return closest_on(self._pieces, self.starts, position, place, low, high)[1]
 
     def joint_places(self, motion: IntArray) -> Array:
         """Places (n,) along the program [m] where motions (n,) of it begin."""
-        return np.asarray(self.starts[np.searchsorted(self.legs.motion, motion)])
+        return np.asarray(self.starts[self._first_leg[motion]])
 
     def counterparts(self, program: PartProgram, command: Command) -> Counterparts | None:
         """Return which motions of this program those of another stand for that moves a command."""
@@ -201,7 +204,7 @@ class CutPath:
 
     def points(self, place: Array, axes: Sequence[str] = AXES) -> Array:
         """Points at places (n,) along the program [m], shape (n, axes) [m]."""
-        leg = np.clip(np.searchsorted(self.starts, place, side="right") - 1, 0, self.legs.length.size - 1)
+        leg = pieces_at(self.starts, place)
         way = np.clip(place - self.starts[leg], 0.0, self.legs.length[leg])
         found = points_at(self._pieces, NO_CONTROL, leg, way)
         return np.asarray(found[:, [AXES.index(name) for name in axes]])
@@ -215,16 +218,23 @@ class CutPath:
 
     def _lag(self, axes: Sequence[str], commanded: Array, period: float) -> Array:
         """Return the distance that the table may be behind the command in every row [m]."""
-        from scipy.ndimage import maximum_filter1d
-
         late = 2.0 * max(response_time(self._machine.axes[name].servo) for name in axes)
+        if late == 0.0:
+            return np.zeros(len(commanded))
         rows = 1 + math.ceil((late + settling_time(self._machine, axes)) / period)
-        steps = np.sqrt((np.diff(commanded, axis=0, prepend=commanded[:1]) ** 2).sum(axis=1))
-        fastest = maximum_filter1d(steps, rows, origin=(rows - 1) // 2, mode="nearest")
-        return np.asarray(late / period * fastest)
+        fastest = np.concatenate([[0.0], steps_of(commanded)])
+        width = 1
+        while width < rows:
+            # The largest of so many rows up to each.
+            step = min(width, rows - width)
+            fastest[step:] = np.maximum(fastest[step:], fastest[:-step])
+            width += step
+        return late / period * fastest
 
     def in_space(self, axes: Sequence[str], values: Array) -> Array:
         """Fill in the axes (n, 3) that values (n, axes) [m] have not, which stand where the program begins."""
+        if tuple(axes) == AXES:
+            return np.ascontiguousarray(values)
         full = np.empty((len(values), len(AXES)))
         begin = self.legs.origin[0] + self.legs.radius[0] * self.legs.first[0]
         full[:] = begin
@@ -239,7 +249,7 @@ class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `command` has the axes that move. `motion` is the number of the program's motion that every row belongs to,
     `place` how far along the program [m], `counted` the rows of :class:`ProgramError`. `moved_by` is the program that
     made the command, None where its `segment` does not number motions of that; `known` is what these stand for. `runs`
-    are those of the command, `distances` those of their tables from the path.
+    are those of the command, `distances` those of their tables from the path, and `errors` what was found of them.
     """
 
     command: Command
@@ -252,6 +262,19 @@ class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     known: Counterparts | None = None
     runs: Runs
     distances: AlikeRows
+    errors: dict[Scenario, ContourError | None] = {}
+
+    def counted_distances(self, scenario: Scenario) -> Array:
+        """Run a machine, and return the distance of its table from the path in the rows that count [m]."""
+        found = self.distances.errors(self.runs.executed(scenario))[self.counted]
+        self.errors[scenario] = contour_error(found)
+        return found
+
+    def error(self, scenario: Scenario) -> ContourError | None:
+        """Return the error in a scenario, None where nothing is cut; found once, whatever was asked for first."""
+        if scenario not in self.errors:
+            self.counted_distances(scenario)
+        return self.errors[scenario]
 
     def simulate(self, scenario: Scenario) -> tuple[Run, Array]:
         """Run a machine, and return the distance of its table from the path in every row [m]."""
@@ -331,7 +354,7 @@ def program_error(
 def cut_error(cut: FollowedCut, tried: Sequence[Scenario] = ()) -> ProgramError:
     """Measure as :func:`program_error`, along a path that was followed already."""
     tried = tuple(tried) or cut.scenarios()
-    errors = run_scenarios(lambda one: contour_error(cut.simulate(one)[1][cut.counted]), tried)
+    errors = run_scenarios(cut.error, tried)
     sizes = [-1.0 if error is None else error.max for error in errors]
     nominal = [k for k, one in enumerate(tried) if is_nominal(one)] or [0]
     decides, worst = max(nominal, key=lambda k: sizes[k]), int(np.argmax(sizes))
