@@ -123,7 +123,7 @@ def _section_errors(motion: ProgramMotion) -> Array:
     section = np.searchsorted(low, cut.motion[cut.counted], side="right") - 1
 
     def errors(scenario: Scenario) -> Array:
-        return _by_section(cut.simulate(scenario)[1][cut.counted], section, low.size)
+        return _by_section(cut.counted_distances(scenario), section, low.size)
 
     tried = [one for one in cut.scenarios() if is_nominal(one)]
     return np.asarray(np.max(run_scenarios(errors, tried), axis=0))

@@ -292,7 +292,7 @@ def _error(motion: ProgramMotion) -> ContourError:
     cut = motion.cut
 
     def distance(scenario: Scenario) -> Array:
-        own = cut.simulate(scenario)[1][cut.counted]
+        own = cut.counted_distances(scenario)
         return np.array([own.max(initial=0.0), np.sqrt((own * own).mean()) if own.size else 0.0])
 
     tried = [one for one in cut.scenarios() if is_nominal(one)]

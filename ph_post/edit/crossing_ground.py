@@ -139,8 +139,7 @@ class CrossingGround:
         self.region_low = self.along[begins]
         self.region_high = self.along[np.append(begins[1:], self.region.size)]
         self.region_number = np.cumsum(np.diff(self.region, prepend=-2) != 0) - 1
-        self._kept_whole = program.language.bound is not None or bool(further_lines(program))
-        self.divisible = np.array([self._may_divide(k) for k in range(program.motions.kind.size)], dtype=np.bool_)
+        self.divisible = self._may_divide()
         self.shapes = {name: self._shape(machine.axes[name]) for name in sides}
         axes = machine.axes
         self.lag = np.array([response_time(axes[name].servo) if name in axes else 0.0 for name in AXES])
@@ -179,11 +178,14 @@ class CrossingGround:
             if self._kept[motion] < AT_SPEED * self.program.motions.feed[motion]
         }
 
-    def _may_divide(self, k: int) -> bool:
-        kind = self.program.motions.kind[k]
-        if kind in (RAPID, NURBS) or (kind == CUBIC and self._dialect.abilities.cubic is None):
-            return False
-        return not (self._kept_whole and why_kept_whole(self.program, k))
+    def _may_divide(self) -> BoolArray:
+        """Mask of the motions (m,) that a crossing may divide."""
+        kind = self.program.motions.kind
+        whole = (RAPID, NURBS) if self._dialect.abilities.cubic is not None else (RAPID, NURBS, CUBIC)
+        found = ~np.isin(kind, whole)
+        if self.program.language.bound is not None or further_lines(self.program):
+            found[[k for k in np.flatnonzero(found).tolist() if why_kept_whole(self.program, k)]] = False
+        return found
 
     def _shape(self, axis: Axis) -> CrossingShape:
         fastest = float(np.max(self.feed[self.program.motions.kind != RAPID], initial=0.0))

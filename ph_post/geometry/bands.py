@@ -75,14 +75,16 @@ def _distances(points: Array, near: IntArray, one: Array, other: Array, ways: Ar
             row, away = begin, _from_line(point, one[begin], other[begin])
             while 0 <= row + step < ways.size and abs(ways[row] - ways[begin]) <= reach:
                 following = row + step
+                apart = abs(ways[following] - ways[row])
                 # What is too far away for anything as near as what is known is passed over.
-                if abs(ways[following] - ways[row]) < away - least:
-                    away -= abs(ways[following] - ways[row])
+                if apart < away - least:
+                    away -= apart
                 else:
-                    k = min(row, following)
-                    sides = _from_sides(point, one[k], other[k], one[k + 1], other[k + 1])
                     away = _from_line(point, one[following], other[following])
-                    least = min(least, sides, away)
+                    least = min(least, away)
+                    if apart >= away - least:
+                        k = min(row, following)
+                        least = min(least, _from_sides(point, one[k], other[k], one[k + 1], other[k + 1]))
                 row = following
         found[n] = least
     return found

@@ -71,6 +71,24 @@ def points_at(pieces: Array, control: Array, row: IntArray, s: Array) -> Array:
 
 
 @compiled
+def pieces_at(starts: Array, place: Array) -> IntArray:
+    """Return the piece (m,) of a path on which each place (m,) along it is [m], the first or last for one beyond it.
+
+    Parameters
+    ----------
+    starts : Array, shape (n + 1,)
+        As of :func:`follow_path`.
+    place : Array, shape (m,)
+        Quick where most are next to the one before.
+    """
+    found, piece = np.empty(place.size, dtype=np.int64), 0
+    for row in range(place.size):
+        piece = _piece_at(starts, place[row], piece)
+        found[row] = piece
+    return found
+
+
+@compiled
 def follow_path(
     pieces: Array, starts: Array, position: Array, low: Array, reach: float, wide: float
 ) -> tuple[IntArray, Array]:
@@ -124,9 +142,9 @@ def closest_within(pieces: Array, starts: Array, position: Array, place: Array, 
     """
     count, last = position.shape[0], pieces.shape[0] - 1
     distance, at = np.empty(count), np.empty(count)
-    work = np.empty(3)
+    work, first = np.empty(3), 0
     for row in range(count):
-        first = min(max(int(np.searchsorted(starts, place[row], side="right")) - 1, 0), last)
+        first = _piece_at(starts, place[row], first)
         best, at[row] = math.inf, place[row]
         k = first
         while k >= 0 and starts[k + 1] >= place[row] - reach[row]:
@@ -230,6 +248,16 @@ def closest_in_order(
                     least, on[k], at[k] = distance, piece[j], v
                     found[k] = work
     return found, on, at
+
+
+@inner
+def _piece_at(starts: Array, place: float, near: int) -> int:
+    """Return the last piece that begins at a place or before it, which may be one that is near, or the following."""
+    last = starts.size - 2
+    for k in (near, near + 1):
+        if k <= last and starts[k] <= place < starts[k + 1]:
+            return k
+    return min(max(int(np.searchsorted(starts, place, side="right")) - 1, 0), last)
 
 
 @inner

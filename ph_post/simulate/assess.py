@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -23,7 +24,7 @@ from ph_post.simulate.contour import (
     turning_errors,
 )
 from ph_post.simulate.machine import Runs, axis_command, first_flank, simulate
-from ph_post.types import Array, Axis, Command, IntArray, Machine, Pickup, Run, Scenario, TurningPoint
+from ph_post.types import Array, Axis, BoolArray, Command, IntArray, Machine, Pickup, Run, Scenario, TurningPoint
 
 T = TypeVar("T")
 
@@ -131,7 +132,7 @@ def for_each_scenario(
     alike = AlikeRows(lambda table, rows: nominal.nearest(table, command.s[rows]).error)
 
     def measure(scenario: Scenario) -> T:
-        errors = alike.errors(runs.of(scenario).executed)[first:]
+        errors = alike.errors(runs.executed(scenario))[first:]
         return take(np.abs(errors) if nominal.dimension > 2 else errors)
 
     return run_scenarios(measure, tried)
@@ -164,7 +165,7 @@ class AlikeRows:
         """Errors (n,) [m] of the places of the table (n, axes) [m] in every row."""
         rows, alike = np.arange(len(table)), np.zeros(len(table))
         for known, errors in self._known:
-            others = np.flatnonzero((table != known).any(axis=1))
+            others = np.flatnonzero(_unlike(table, known))
             if others.size < rows.size:
                 rows, alike = others, errors
         found = alike.copy()
@@ -172,6 +173,11 @@ class AlikeRows:
         if 2 * rows.size > len(table):
             self._known = [*self._known, (table, found)][-KEPT:]
         return found
+
+
+def _unlike(table: Array, other: Array) -> BoolArray:
+    """Mask of the rows (n,) in which two tables (n, axes) differ, column by column, which is many times as fast."""
+    return functools.reduce(np.logical_or, (one != two for one, two in zip(table.T, other.T, strict=True)))
 
 
 def gap_error(

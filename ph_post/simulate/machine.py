@@ -8,6 +8,7 @@ References
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -111,7 +112,10 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = NOMINAL_SC
 
 
 KEPT: Final = 2
-"""Runs of an axis that are kept for the next scenarios, which differ in the sides of the axes."""
+"""Runs of an axis that are kept at least for the next scenarios, which differ in the sides of the axes."""
+
+SPACE: Final = 64_000_000
+"""What runs that are kept for those who measure the same scenarios otherwise may take [bytes]."""
 
 
 class Runs:
@@ -126,21 +130,14 @@ class Runs:
 
     def __init__(self, command: Command, machine: Machine) -> None:
         self._command, self._machine = command, machine
-        self._run_axis = lru_cache(maxsize=KEPT * len(command.axes))(self._axis)
+        kept = max(KEPT * len(command.axes), SPACE // (2 * command.t.nbytes))
+        self._run_axis = lru_cache(maxsize=kept)(self._axis)
 
     def of(self, scenario: Scenario) -> Run:
         """Run a machine; see :func:`simulate`."""
-        command, machine = self._command, self._machine
-        plants = {name: plant_of(machine.axes[name], scenario) for name in command.axes}
-        tables: dict[str, Array] = {}
-        motor = np.empty_like(command.position)
-        events: list[Event] = []
-        for number, (name, plant) in enumerate(plants.items()):
-            flank = command.flanks.get(name) or first_flank(machine.axes[name], scenario)
-            tables[name], motor[:, number], changes = self._run_axis(number, plant, flank)
-            events += list_events(changes, name)
-        since = command.t - command.t[0]
-        executed = np.stack([read_table(plants[name], since, tables[name], tables) for name in plants], axis=1)
+        command = self._command
+        axes = self._axes(scenario)
+        events = [event for name, one in zip(command.axes, axes, strict=True) for event in list_events(one[2], name)]
         return Run(
             axes=command.axes,
             period=command.period,
@@ -148,12 +145,37 @@ class Runs:
             t=command.t,
             s=command.s,
             commanded=command.position,
-            executed=sealed(executed),
-            motor=sealed(motor),
+            executed=self._read(scenario, axes),
+            motor=sealed(np.stack([motor for _, motor, _ in axes], axis=1)),
             events=tuple(sorted(events, key=lambda event: (event.t, event.axis))),
         )
 
-    def _axis(self, number: int, plant: Plant, flank: int) -> tuple[Array, Array, Changes]:
+    def executed(self, scenario: Scenario) -> Array:
+        """Return what a run has as `executed` (n, axes) [m], alone."""
+        return self._read(scenario, self._axes(scenario))
+
+    def _axes(self, scenario: Scenario) -> list[AxisRun]:
+        """Run every axis."""
+        command, drives = self._command, self._machine.axes
+        return [
+            self._run_axis(
+                number,
+                plant_of(drives[name], scenario),
+                command.flanks.get(name) or first_flank(drives[name], scenario),
+            )
+            for number, name in enumerate(command.axes)
+        ]
+
+    def _read(self, scenario: Scenario, axes: Sequence[AxisRun]) -> Array:
+        """Return what is read of the tables (n, axes) [m]."""
+        command = self._command
+        tables = {name: table for name, (table, _, _) in zip(command.axes, axes, strict=True)}
+        since = command.t - command.t[0]
+        plants = (plant_of(self._machine.axes[name], scenario) for name in tables)
+        read = [read_table(plant, since, tables[name], tables) for name, plant in zip(tables, plants, strict=True)]
+        return sealed(np.stack(read, axis=1))
+
+    def _axis(self, number: int, plant: Plant, flank: int) -> AxisRun:
         trace = axis_command(self._command, number)
         if plant.cutting:
             trace = trace._replace(force=cutting_force(plant, path_velocity(self._command), number))
@@ -182,6 +204,10 @@ class Changes(NamedTuple):
     first: int
     t: Array
     log: IntArray
+
+
+AxisRun = tuple[Array, Array, Changes]
+"""Table and motor of one axis (n,) [m], and the changes of its mode."""
 
 
 def axis_command(command: Command, number: int) -> AxisCommand:

@@ -8,6 +8,7 @@ from decimal import Decimal
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from ph_post.gcode.program import PartProgram
 from ph_post.units import LENGTHS, MM, MS
@@ -169,7 +170,8 @@ def _commands(compensated: PartProgram, facts: list[tuple[int, str]], last: int)
     return len(commands) if [compensated.text(line).strip().decode("latin-1") for line in lines] == commands else 0
 
 
-_CLOSES = re.compile(rb"\(ph-post: \+1 -0 own compensation\)\s*")
+_CLOSING = b"own compensation"
+_CLOSES = re.compile(rb"\(ph-post: \+1 -0 " + _CLOSING + rb"\)\s*")
 
 
 def _closing_faults(
@@ -177,7 +179,11 @@ def _closing_faults(
 ) -> list[tuple[int, str]]:
     """Find what is wrong with the command that the header declares for the end, which stands there and nowhere else."""
     found = [match[1] for _, words in facts if (match := _KNOWN["closing"].fullmatch(words))]
-    marks = [line for line in range(last, tail) if _CLOSES.fullmatch(comment_of(compensated, line))]
+    places = [one.start() for one in re.finditer(_CLOSING, compensated.data)]
+    lines = np.unique(np.searchsorted(compensated.lines, places, side="right") - 1)
+    marks = [
+        line for line in lines.tolist() if last <= line < tail and _CLOSES.fullmatch(comment_of(compensated, line))
+    ]
     if not found:
         return [(line, "the header declares no command for the end") for line in marks]
     there = compensated.text(tail - 1).strip().decode("latin-1") if tail else ""

@@ -429,7 +429,7 @@ def exact_rows(
     count = math.ceil(plan.total / period - ROUNDING) + 1
     way, block = np.empty(count), np.empty(count, dtype=np.int64)
     sample(plan.square, plan.times, blocks.push, blocks.length, plan.begins, period, way, block)
-    position = _positions(blocks, way, block)
+    position = _positions(blocks.start, blocks.end, blocks.length, way, block)
     steps = steps_of(position)
     if meet_turns:
         _meet_turns(blocks, plan.begins, period, way, block, position)
@@ -439,13 +439,18 @@ def exact_rows(
     return position, motion, share, steps
 
 
-def _positions(blocks: StraightBlocks, way: Array, block: IntArray) -> Array:
+@compiled
+def _positions(start: Array, end: Array, length: Array, way: Array, block: IntArray) -> Array:
     """Positions (m, 3) [m] of rows that have come some way along blocks; the last is the end of all."""
-    part = way / blocks.length[block]
-    position = blocks.start[block] + part[:, None] * (blocks.end[block] - blocks.start[block])
-    position[part == 1.0] = blocks.end[block[part == 1.0]]
-    position[-1] = blocks.end[-1]
-    return np.asarray(position)
+    position = np.empty((way.size, 3))
+    for row in range(way.size):
+        k = block[row]
+        part = way[row] / length[k]
+        for axis in range(3):
+            whole = end[k, axis] - start[k, axis]
+            position[row, axis] = end[k, axis] if part == 1.0 else start[k, axis] + part * whole
+    position[-1] = end[-1]
+    return position
 
 
 def steps_of(position: Array) -> Array:

@@ -15,6 +15,7 @@ from ph_post.simulate.assess import AlikeRows, run_scenarios
 from ph_post.simulate.contour import ContourError, contour_error
 from ph_post.simulate.controllers.counterparts import Counterparts
 from ph_post.simulate.controllers.deviation import SLACK, FollowedCut
+from ph_post.simulate.controllers.exact_path import steps_of
 from ph_post.simulate.machine import simulate
 from ph_post.types import Array, Command, IntArray, Machine, Scenario
 
@@ -65,7 +66,7 @@ def program_gap_error(
     bands = {one: _band(ways, rows, machine, one, _reach(cut)) for one in dict.fromkeys(map(_without_gap, tried))}
 
     def added(scenario: Scenario) -> ContourError | None:
-        table = cut.runs.of(scenario).executed
+        table = cut.runs.executed(scenario)
         return contour_error(bands[_without_gap(scenario)].errors(table[rows]))
 
     return max(run_scenarios(added, tried), key=lambda error: -1.0 if error is None else error.max)
@@ -174,8 +175,7 @@ def _at_rows(way: Array, row: Array) -> Array:
 
 
 def _way_along(position: Array) -> Array:
-    steps = np.sqrt((np.diff(position, axis=0) ** 2).sum(axis=1))
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    return np.concatenate([[0.0], np.cumsum(steps_of(position))])
 
 
 def _rows_at(known: Array, place: Array) -> Array:

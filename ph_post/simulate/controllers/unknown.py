@@ -22,12 +22,13 @@ def known_ends(program: PartProgram) -> tuple[Array, Array]:
     At the beginning that is the machine's origin.
     """
     motions = program.motions
-    count = len(motions.start)
-    places = np.stack([motions.start, motions.end], axis=1).reshape(2 * count, 3)
-    known = ~np.isnan(places)
-    last = np.maximum.accumulate(np.where(known, np.arange(2 * count)[:, None], -1), axis=0)
-    filled = np.where(last >= 0, np.take_along_axis(places, np.maximum(last, 0), axis=0), 0.0)
-    pairs = filled.reshape(count, 2, 3)
+    places = np.stack([motions.start, motions.end], axis=1).reshape(-1, 3)
+    for column in places.T:
+        unknown = np.isnan(column)
+        known = np.flatnonzero(~unknown)
+        last = np.searchsorted(known, np.flatnonzero(unknown)) - 1
+        column[unknown] = np.where(last >= 0, column[known[last]], 0.0) if known.size else 0.0
+    pairs = places.reshape(-1, 2, 3)
     return np.ascontiguousarray(pairs[:, 0]), np.ascontiguousarray(pairs[:, 1])
 
 
