@@ -49,7 +49,7 @@ def crosses_on_the_fly(axes: Sequence[str], machine: Machine, options: Compensat
         return False
     abilities = find_dialect(machine.dialect).abilities
     # Polynomials say more than straight moves and arcs, and a change could not divide them.
-    editable = not abilities.not_editable and abilities.polynomial_degree == 1 and abilities.full_circles
+    editable = abilities.polynomial_degree == 1 and abilities.full_circles
     whole = options.safe_z is None or "Z" in machine.axes
     return editable and whole and any(may_shift(machine.axes[name]) for name in axes)
 

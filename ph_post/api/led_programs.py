@@ -90,11 +90,10 @@ def require_lead(machine: Machine, dialect: Dialect, axes: Sequence[str]) -> Non
     """
     option = "--lead-program"
     foreign = dialect.language.read is not None and dialect.language.name
-    why = dialect.abilities.not_editable or ("chords are written in words of RS274 alone" if foreign else "")
-    if why:
+    if foreign:
         raise InputError(
             option,
-            f"programs of {dialect.name} cannot take a lead: {why}",
+            f"programs of {dialect.name} cannot take a lead: chords are written in words of RS274 alone",
             expected="--table, or a dialect of RS274",
             got=dialect.name,
         )

@@ -153,6 +153,12 @@ _COMPUTED: Final = (
 _MACROS: Final = ("loop of a macro", "jump of a macro")
 """The same for Fanuc's."""
 
+_CONVERSATIONAL: Final = (
+    *("repeated part", "part that is jumped", "call or jump: ", "call of a cycle", "Q parameter"),
+    "place that is computed",
+)
+"""The same for Heidenhain's conversational programs."""
+
 
 def passed_through(program: PartProgram) -> tuple[str, ...]:
     """Describe the stretches of a program that are passed through: their number, and the first."""
@@ -160,7 +166,8 @@ def passed_through(program: PartProgram) -> tuple[str, ...]:
     if not notes:
         return ()
     first = f"line {notes[0].first + 1}: {notes[0].what}"
-    kinds = (*_COMPUTED, *_MACROS) if program.language.read is None else _MACROS
+    kinds: tuple[str, ...] = (*_COMPUTED, *_MACROS) if program.language.read is None else _MACROS
+    kinds = _CONVERSATIONAL if program.language.name == "heidenhain" else kinds
     if any(note.what.startswith(kinds) for note in notes) and EXPANDED.first(program.data) < 0:
         first += "; --expand writes out what computes"
     return (f"{counted(len(notes), 'stretch', 'stretches')} passed through unchanged ({first})",)

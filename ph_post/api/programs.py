@@ -95,7 +95,6 @@ def compensate_program(
     dialect = find_dialect(machine.dialect)
     if request.lead:
         require_lead(machine, dialect, [name for name in moved_axes(program) if name in machine.axes])
-    dialect.require_editable(program.name)
     check_block_time(request.edit.block_time, machine.servo_period)
     original = _original(program, machine, request)
     require_tool(original, machine)

@@ -28,7 +28,6 @@ from typing import Final
 import msgspec
 
 from ph_post.dialects.lines import LineWriter
-from ph_post.errors import InputError
 from ph_post.gcode.numbers import PARENTHESES, Comments, comment_lines, decimal_text, significant_text, to_counts
 from ph_post.gcode.program import RS274, Language
 from ph_post.types import Array, ControllerPlanner, IntArray, Machine, RoundedPath
@@ -176,8 +175,6 @@ class Abilities(msgspec.Struct, frozen=True, kw_only=True):
         Whether the axes stand still in a dwell, so that a short move between two of them is not blended away.
     stream : StreamLimit or None
         None where the controller reads a file.
-    not_editable : str
-        Why programs of that language cannot be edited, in words; empty where they can.
     feed_along_all : bool
         Whether F counts along all axes, degrees as mm, and not along X, Y and Z.
     """
@@ -190,7 +187,6 @@ class Abilities(msgspec.Struct, frozen=True, kw_only=True):
     feed_degree: int = 0
     dwells: bool = True
     stream: StreamLimit | None = None
-    not_editable: str = ""
     feed_along_all: bool = False
 
     def writes_arcs(self, plane: str, *, inverse: bool = False) -> bool:
@@ -420,21 +416,6 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         if self.notices.assumed is not None:
             return self.notices.assumed
         return (PRECONDITIONS, end_remark(self.syntax.closing[-1]))
-
-    def require_editable(self, where: str) -> None:
-        """Raise unless programs of the dialect can be edited; `where` names the program, or who asks for it.
-
-        Raises
-        ------
-        InputError
-            With the dialect's reason.
-        """
-        if self.abilities.not_editable:
-            raise InputError(
-                where,
-                f"programs of {self.name} cannot be edited: {self.abilities.not_editable}",
-                expected="a path file, or a program of another dialect",
-            )
 
 
 def metric_opening(plane: str) -> tuple[str, ...]:

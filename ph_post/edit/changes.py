@@ -49,7 +49,7 @@ def _goes_on(before: MotionEdit, task: MotionEdit) -> bool:
     return before.motion + 1 == task.motion and None not in both
 
 
-_CENTRE = re.compile(r"\s*(?:\d+\s+)?CC\b")
+_CENTRE = re.compile(r"\s*(?:N?\d+\s+)?(?:CC\b|[IJK][-+.\d])")
 """A block that sets the centre of circles."""
 
 
@@ -147,6 +147,7 @@ class ChangeWriter:
             return
         last = change.block + change.removed - 1
         self._restore(last)
+        change.lines = self._ended(change.lines)
         yield change
         self._change = None
         wanted = self._program.modal_after(last).motion
@@ -162,7 +163,12 @@ class ChangeWriter:
             )
         if not self._stale:
             line = block_words.edited_line(self._program, relying, self._numbers(relying), [], first=wanted)
-            yield Change(block=relying, removed=1, lines=[line], label=["mode"])
+            yield Change(block=relying, removed=1, lines=self._ended([line]), label=["mode"])
+
+    def _ended(self, lines: list[str]) -> list[str]:
+        """Return new lines as the program ends its own."""
+        spelling = self._program.language.spelling
+        return lines if spelling is None else [spelling.ended(line, self._program.data) for line in lines]
 
     def _restore(self, block: int) -> None:
         """Write what has to be as it was after a line."""
@@ -332,7 +338,7 @@ class ChangeWriter:
                 now = wanted
             if line not in replaced and (now != wanted).any():
                 place = self._centre_place(program.poles[pole], wanted)
-                yield Change(block=line, removed=0, lines=[spelling.centre(place)], label=["centre"])
+                yield Change(block=line, removed=0, lines=self._ended([spelling.centre(place)]), label=["centre"])
                 now = wanted
             at[pole] = line, now
 

@@ -194,6 +194,8 @@ def why_not_editable(program: PartProgram) -> list[str]:
         systems = math.isnan(own.get("L", math.nan)) or own["L"] in _WORK_SYSTEMS
         if systems and own.get("R", 0.0) != 0.0:
             troubles.append(f"line {block + 1} turns the work system (G10 with R) away from the axes")
+    if program.language.stays is not None and (why := program.language.stays(program.data)):
+        troubles.append(why)
     if len(program_units(program)) > 1:
         troubles.append("it moves in mm and in inches")
     return troubles

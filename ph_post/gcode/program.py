@@ -30,6 +30,9 @@ class Spelling(Protocol):
     def centre(self, place: Sequence[str]) -> str:
         """Return the block that sets the centre of the circles behind it."""
 
+    def ended(self, line: str, data: bytes, /) -> str:
+        """Return a new line as a program of these bytes ends its blocks."""
+
 
 class Language(msgspec.Struct, frozen=True, kw_only=True):
     """A language that is read as RS274/NGC but for the fields below, or by its own reader.
@@ -67,6 +70,8 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         Words of path modes that are others than RS274/NGC's, by those.
     spelling : Spelling or None
         How its blocks are written where they are no RS274 words.
+    stays : callable or None
+        ``stays(data)``: why no line of a program can be changed, in words; empty where some can.
     modal : bool
         Whether the motion mode lasts, so that a line may move without a word of it.
     after_motion : tuple of float
@@ -95,6 +100,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     lone_modes: frozenset[str] = frozenset(("G0",))
     path_words: Mapping[str, str] = {}
     spelling: Spelling | None = None
+    stays: Callable[[bytes], str] | None = None
     modal: bool = True
     after_motion: tuple[float, ...] = (0.0, 1.0, 2.0, 30.0, 60.0)
     closing: re.Pattern[bytes] | None = None

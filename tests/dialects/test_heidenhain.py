@@ -6,15 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
+from support.in_place import ISO
 
-from ph_post.api.compensated_program import ProgramRequest
-from ph_post.api.programs import compensate_program
-from ph_post.compensate.options import PlanOptions
 from ph_post.dialects.reading import read_as
-from ph_post.drive.machinefile import read_machine
-from ph_post.edit.edits import EditOptions
-from ph_post.errors import InputError
+from ph_post.edit.preconditions import why_not_editable
 from ph_post.gcode.program import ARC
 from ph_post.units import MM, MM_PER_MIN
 
@@ -205,7 +200,7 @@ def test_a_rounding_takes_the_moves_before_and_behind_it_with_it(dialect: str) -
 def test_a_repeated_part_is_passed_through_and_nothing_is_known_behind_it(dialect: str) -> None:
     both = {
         "heidenhain": ("L X+0 Y+0 F100", "LBL 1", "L IX+1", "CALL LBL 1 REP 3/3", "L X+9 Y+9", "L X+8"),
-        "heidenhain-iso": ("G01 X+0 Y+0 F100", "G98 L1", "G91 X+1", "L1,3", "G90 X+9 Y+9", "X+8"),
+        "heidenhain-iso": ("G01 X+0 Y+0 F100", "G98 L1", "G91 X+1", "L1,3", "G01 G90 X+9 Y+9", "X+8"),
     }
     program = read(dialect, both)
     assert [(note.first, note.last, note.what) for note in program.notes] == [(2, 4, "repeated part")]
@@ -261,12 +256,33 @@ def test_rapid_traverse_holds_for_its_block_alone() -> None:
     assert (program.motions.feed / MM_PER_MIN).round(6).tolist() == [700.0, 0.0, 700.0]
 
 
-def test_editing_of_iso_is_refused_with_its_reason() -> None:
-    dialect = "heidenhain-iso"
-    program = read(dialect, PART)
-    machine = replace(read_machine("router"), dialect=dialect)
-    request = ProgramRequest(
-        plan=PlanOptions(strategy="auto", carrier="program", effort=0.05), edit=EditOptions(), force=False
-    )
-    with pytest.raises(InputError, match=f"programs of {dialect} cannot be edited: blocks are numbered"):
-        compensate_program(program, machine, request, lambda words: None)
+@pytest.mark.parametrize(
+    ("blocks", "why"),
+    [
+        (("G01 X+0 Y+0 Z-1 F100", "X+9", "X+0", "G91 X+5"), "line 5 counts in increments (G91)"),
+        (("G01 X+0 Y+0 Z-1 F100", "X+9", "X+0", "G02 X+0 Y+2 I+0 J+1"), "line 5 moves, and has a centre"),
+    ],
+)
+def test_an_iso_program_whose_words_hang_together_stays_with_a_reason(blocks: tuple[str, ...], why: str) -> None:
+    program = iso(*blocks)
+    found = ISO.compensate(program.data)
+    assert found.text == program.data
+    assert why in " ".join(why_not_editable(program))
+
+
+def test_a_mode_that_was_set_on_a_line_that_is_passed_through_is_not_relied_on() -> None:
+    program = iso("G01 X+0 Y+0 F100", "G00 X+5 M99", "X+6", "G01 X+7", "X+8")
+    assert [note.what for note in program.notes] == [
+        "call of a cycle: M99",
+        "move in a mode that was set on a line that is passed through: N30 X+6",
+    ]
+    assert program.motions.end[-2:, 0].tolist() == [0.007, 0.008]
+
+
+def test_behind_another_program_nothing_counts_before_g90_or_g91() -> None:
+    program = iso("G01 X+0 Y+0 F100", "%OTHER", "G01 X+6", "G90 G01 X+7")
+    assert [note.what.partition(":")[0] for note in program.notes] == [
+        "call of a program",
+        "move behind a program that may have ended in G90 or G91",
+    ]
+    assert program.motions.end[-1, 0] == 0.007

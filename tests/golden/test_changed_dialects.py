@@ -14,7 +14,7 @@ from support.editing import compensate
 from ph_post.drive.machinefile import read_machine
 
 HERE = Path(__file__).parents[1] / "changed_dialects"
-DIALECTS = {".mpf": "siemens", ".h": "heidenhain"}
+DIALECTS = {".mpf": "siemens", ".h": "heidenhain", ".i": "heidenhain-iso"}
 CASES = sorted(file for file in HERE.iterdir() if file.suffix in DIALECTS and not file.stem.endswith(".changed"))
 
 

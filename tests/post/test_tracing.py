@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from itertools import pairwise
 
 import numpy as np
@@ -222,12 +221,6 @@ NO_MOVES = JobRecord(format="ph-post-freecad", version=1, tolerance=0.02, operat
 )
 def test_the_post_processor_is_that_of_the_dialect_whatever_the_machine_has_besides(dialect, post):
     assert answer(NO_MOVES, replace(read_machine("mill"), dialect=dialect))["post"] == post
-
-
-@pytest.mark.parametrize("dialect", ["heidenhain-iso", "heidenhain-iso+tolerance"])
-def test_a_job_that_cannot_be_compensated_is_refused_before_it_is_posted(dialect):
-    with pytest.raises(InputError, match=f"programs of {re.escape(dialect)} cannot be edited: "):
-        answer(NO_MOVES, replace(read_machine("mill"), dialect=dialect))
 
 
 @pytest.mark.parametrize(

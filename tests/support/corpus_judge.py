@@ -22,7 +22,7 @@ from support.corpus import Entry, stepper
 from support.ideal_play import distances
 from support.reference_player import BEGINS, Move, interpret, play
 from support.sinumerik_motions import Run as SiemensRun
-from support.tnc_motions import TncRun
+from support.tnc_motions import TncRun, iso_run
 
 GAP = 0.05
 """Backlash of every axis [mm]."""
@@ -102,11 +102,10 @@ def compare(found: Judged, dialect: str, before: bytes, after: bytes) -> Judged:
 def _played(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
     """Places of the motors (n, 3) [mm] and whether the tool cuts; None where nothing here reads the language."""
     text = data.decode("utf-8-sig", "replace")
-    if dialect == "heidenhain-iso":
-        return None
+    runs = {"siemens": SiemensRun, "heidenhain": TncRun, "heidenhain-iso": iso_run}
     try:
-        if dialect in ("siemens", "heidenhain"):
-            run = SiemensRun(text) if dialect == "siemens" else TncRun(text)
+        if dialect in runs:
+            run = runs[dialect](text)
             thin = max(1, len(run.path) // MOST)
             return run.path[::thin], run.cutting[::thin]
         # Printers home; others stand where nobody knows.

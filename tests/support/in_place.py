@@ -14,7 +14,7 @@ from ph_post.drive.machinefile import read_machine
 from support.editing import compensate
 from support.ideal_play import distances, table
 from support.sinumerik_motions import Run
-from support.tnc_motions import TncRun
+from support.tnc_motions import TncRun, iso_run
 
 FOLDER = Path(__file__).parents[1] / "changed_dialects"
 BACKLASH = {"X": 0.06, "Y": 0.08}
@@ -45,5 +45,6 @@ class InPlace:
         return distances(places[run.cutting & (run.path[:, 2] < DEEP)], original.path[original.cutting])
 
 
+ISO = InPlace("heidenhain-iso", ".i", ("plate",), iso_run)
 KLARTEXT = InPlace("heidenhain", ".h", ("plate", "pocket", "polar"), TncRun)
 SIEMENS = InPlace("siemens", ".mpf", ("post", "hand", "steps"), Run)

@@ -102,3 +102,28 @@ class TncRun:
         way = np.linalg.norm(np.diff(np.vstack([begin, places]), axis=0), axis=1).sum()
         self.seconds += 60.0 * way / (6000.0 if rapid else self._feed)
         self.at = end
+
+
+_SPOKEN = {"G00": ("L", " FMAX"), "G01": ("L", ""), "G02": ("C", " DR-"), "G03": ("C", " DR+"), "G04": ("", "")}
+
+
+def iso_run(text: str) -> TncRun:
+    """Run an ISO program: each block in conversational words, by the mode that lasts."""
+    lines, mode = [], "G01"
+    for line in text.splitlines():
+        words = re.sub(r"\s*\*\s*$|;.*", "", re.sub(r"^N\d+\s*", "", line)).split()
+        mode = next((word for word in words if word in _SPOKEN and word != "G04"), mode)
+        rest = " ".join(word for word in words if not re.match(r"[GST]\d", word))
+        keyword, tail = _SPOKEN[mode]
+        if not words or words[0].startswith("%") or {"G30", "G31"} & {*words}:
+            continue
+        if words[0] == "G04":
+            lines.append(f"CYCL DEF 9.1 DWELL {words[1][1:]}")
+        elif rest[:1] in ("I", "J"):
+            lines.append("CC " + rest.replace("I", "X").replace("J", "Y"))
+        elif re.match(r"M\d", rest):
+            lines.append(rest)
+        elif rest:
+            radius = re.search(r" R[+-]", rest)
+            lines.append(f"{'CR' if radius else keyword} {rest}{tail}")
+    return TncRun("\n".join(lines))

@@ -20,10 +20,9 @@ which is not touched. There is no inverse time; SPL, the cubic polynomials of th
 is neither written nor read. The option ``tolerance``, behind a plus sign, sets cycle 32 (G62) to the chord
 tolerance while the tool cuts; without it the machine's own tolerance is in force.
 
-A conversational program is changed in place; new blocks have no number, as the control numbers the blocks itself in
-ascending order (TNC 620 User's Manual, Conversational Programming, 10/2017, 4.2). Not confirmed by a manual: that it
-reads a file in which some blocks have no number. An existing ISO program can be read, simulated and compared, but not
-edited.
+Programs are changed in place; new blocks have no number, as the control numbers the blocks itself in ascending order
+(TNC 620 User's Manual, Conversational Programming, 10/2017, 4.2). Not confirmed by a manual: that it reads a file in
+which some blocks have no number.
 """
 
 from __future__ import annotations
@@ -36,7 +35,8 @@ from typing import Final
 from msgspec.structs import replace
 
 from ph_post.dialects.base import BUILT_PATH, Abilities, Dialect, DwellWords, Notices, NumberFormat, Syntax, end_remark
-from ph_post.dialects.heidenhain.iso import read_tnc_iso
+from ph_post.dialects.heidenhain.iso import read_tnc_iso, why_iso_stays
+from ph_post.dialects.heidenhain.iso_table import IsoSpelling
 from ph_post.dialects.heidenhain.klartext import read_klartext
 from ph_post.dialects.heidenhain.table import KlartextSpelling
 from ph_post.dialects.lines import LineWriter
@@ -57,9 +57,6 @@ _LAST: Final = "N99999999"
 _ASSUMED: Final = (
     "assumed: datum set, not rotated, feed override 100 percent, tool called with axis Z and spindle on as set before",
     end_remark("M30"),
-)
-_NOT_EDITABLE: Final = (
-    "blocks are numbered without a gap, repeats count on labels, and a contour may be corrected elsewhere"
 )
 
 
@@ -83,6 +80,17 @@ _CONVERSATIONAL: Final = Language(
     after_motion=(0.0, 1.0, 2.0, 5.0, 9.0, 30.0),
     closing=_LAST_BLOCK,
     further="",
+)
+
+
+_ISO: Final = replace(
+    _CONVERSATIONAL,
+    name="heidenhain-iso",
+    read=read_tnc_iso,
+    spelling=IsoSpelling(),
+    modal=True,
+    stays=why_iso_stays,
+    closing=re.compile(rb"^[ \t]*N9999\d*[ \t]*%[^\r\n]*\s*\Z", re.IGNORECASE | re.MULTILINE),
 )
 
 
@@ -204,14 +212,13 @@ DIALECT = Dialect(
 ISO_DIALECT = replace(
     DIALECT,
     name="heidenhain-iso",
-    abilities=replace(DIALECT.abilities, not_editable=_NOT_EDITABLE),
     syntax=replace(
         DIALECT.syntax,
         opening=lambda _plane: ("G90 G40",),
         dwell=DwellWords(word="G04", letter="F", decimals=_TIME_DECIMALS),
         finish=finish_iso,
     ),
-    language=Language(read=read_tnc_iso, further=""),
+    language=_ISO,
     writer=IsoLines,
     ending=".i",
     variants={"tolerance": partial(_with_path_mode, path_mode=_g62)},

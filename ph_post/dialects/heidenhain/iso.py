@@ -3,7 +3,8 @@
 Followed are G00 to G03 with X, Y, Z under G90 and G91, the circle's centre I, J, K, which lasts and is
 absolute, R, F, G29, G40 to G42, tools, M functions that are the same on every machine, G04 (dwell) and G62
 (tolerance). Datum shifts and turned frames are noticed (G53, G54, G28, G72, G73, G80, G247). Everything else
-is named and passed through, as in :mod:`ph_post.dialects.heidenhain.klartext`.
+is named and passed through, as in :mod:`ph_post.dialects.heidenhain.klartext`; so are moves by a mode that was set on
+such a line.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ import re
 from decimal import Decimal
 from typing import Final
 
+from ph_post.dialects.heidenhain.iso_table import ISO_WORD, PLAIN, IsoRows
 from ph_post.dialects.heidenhain.tnc import (
     JUMPED,
-    NUMBER,
     REPEATED,
     NotFollowed,
     Places,
@@ -24,9 +25,11 @@ from ph_post.dialects.heidenhain.tnc import (
     joined,
     number_of,
 )
+from ph_post.dialects.reading import Remark
 from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram
 
-_WORD: Final = re.compile(rf"([A-Z])\s*({NUMBER}|[-+]?Q[LRS]?\d+|MAX)")
+_ANY: Final = re.compile("")
+"""What may turn about the centre: I and J last."""
 _IF: Final = r"D\s*(?:09|9|10|11|12)(?!\d)"
 _CALL: Final = re.compile(rf"(?<![A-Z])L\s*\d+\s*,\s*\d|{_IF}")
 _CENTRES: Final = {letter: axis for axis, letter in CENTERS.items()}
@@ -57,6 +60,7 @@ _LANGUAGE: Final = TncLanguage(
         JUMPED: re.compile(rf"{_IF}.*P03\s*(\+*(\S+))"),
     },
     label_words="G98 L",
+    rows=IsoRows,
 )
 
 
@@ -70,10 +74,29 @@ def read_tnc_iso(data: bytes, name: str) -> PartProgram:
     """
     source = TncSource(data, name, _LANGUAGE)
     first, head = source.head()
-    follower = _IsoFollower(Tnc("G21" if head[2] == "71" else "G20"))
+    follower = _IsoFollower(Tnc("G21" if head[2] == "71" else "G20", _ANY))
     for number, text in enumerate(source.texts):
         follower.line(text, begins=number == first)
     return source.program(follower.tnc)
+
+
+def why_iso_stays(data: bytes) -> str:
+    r"""Return why no line of a program can be changed, in words; empty where lines can be.
+
+    Examples
+    --------
+    >>> why_iso_stays(b"%A G71 *\nN10 G91 X+5 *\n")
+    'line 2 counts in increments (G91)'
+    """
+    for number, text in enumerate(data.decode("latin-1").splitlines(), 1):
+        block = _Block(_plain(text.upper()))
+        if 91 in block.codes:
+            return f"line {number} counts in increments (G91)"
+        letters = {letter for letter, _ in block.words}
+        moves = bool(letters & {*AXES}) and not {*block.codes} & (_SHIFTS | _TURNS | {30, 31})
+        if moves and (letters & {*_CENTRES} or ({*block.codes} & _FOLLOWED) - PLAIN):
+            return f"line {number} moves, and has a centre or another G word besides"
+    return ""
 
 
 class _Block:
@@ -81,10 +104,10 @@ class _Block:
 
     def __init__(self, source: str) -> None:
         bare = re.sub(r"^N\s*\d+", "", source).strip()
-        self.words = [(letter, number) for letter, number in _WORD.findall(bare)]
+        self.words = [(letter, number) for letter, number in ISO_WORD.findall(bare)]
         self.codes, self.functions = self._plain("G"), self._plain("M")
         strange = [letter + text for letter, text in self.words if letter in "GM" and not text.isdecimal()]
-        self.odd = _WORD.sub("", bare).strip() or "".join(strange[:1])
+        self.odd = ISO_WORD.sub("", bare).strip() or "".join(strange[:1])
 
     def _plain(self, letter: str) -> list[int]:
         return [int(number) for one, number in self.words if one == letter and number.isdecimal()]
@@ -106,12 +129,14 @@ class _IsoFollower:
     def __init__(self, tnc: Tnc) -> None:
         self.tnc = tnc
         self._motion: int | None = None
-        self._incremental = False
+        self._incremental: bool | None = False
+        self._lost = False
 
     def line(self, source: str, *, begins: bool) -> None:
         """Follow one line."""
         bare = re.sub(r"^N\s*\d+\s*", "", source)
         if _CALL.search(source) and "G98" not in source:
+            self._lost = True
             self.tnc.lose("call or jump", bare)
         elif bare.startswith("%"):
             if begins:
@@ -119,9 +144,13 @@ class _IsoFollower:
             elif re.match(r"N\s*9999", source):
                 self.tnc.add("M2")
             else:
+                self._lost, self._incremental = True, None
                 self.tnc.lose("call of a program", bare)
         else:
+            number, own = len(self.tnc.texts), bool(_MOTIONS & set(_Block(source).codes))
             self.tnc.line(source, lambda: self._translated(source))
+            if own:
+                self._lost = number in self.tnc.remarks
 
     def _translated(self, source: str) -> str:
         block = _Block(source)
@@ -167,6 +196,8 @@ class _IsoFollower:
         if block.value("T") is not None:
             return self._tool(block)
         places, centres = self._places(block)
+        if (places or centres) and self._incremental is None:
+            raise NotFollowed("move behind a program that may have ended in G90 or G91", source)
         if _SHIFTS & set(block.codes):
             return self.tnc.shifted()
         for code in sorted(_TURNS & set(block.codes)):
@@ -175,7 +206,11 @@ class _IsoFollower:
             self.tnc.pole({})
         if centres:
             self.tnc.pole(centres)
-        return self._move(block, places, source)
+        through = bool(places) and self._lost and not _MOTIONS & set(block.codes)
+        if through:
+            what = f"move in a mode that was set on a line that is passed through: {source}"
+            self.tnc.remarks[len(self.tnc.texts)] = Remark(what=what)
+        return self._move(block, places, source, through=through)
 
     @staticmethod
     def _turns(code: int, block: _Block, places: Places) -> bool:
@@ -192,12 +227,12 @@ class _IsoFollower:
             if letter == "G" and number.lstrip("0") in ("90", "91"):
                 self._incremental = number.lstrip("0") == "91"
             elif letter in (*AXES, "A", "B", "C", "U", "V", "W"):
-                places[letter] = self._incremental, number_of(number)
+                places[letter] = bool(self._incremental), number_of(number)
             elif letter in _CENTRES:
-                centres[_CENTRES[letter]] = self._incremental, number_of(number)
+                centres[_CENTRES[letter]] = bool(self._incremental), number_of(number)
         return places, centres
 
-    def _move(self, block: _Block, places: Places, source: str) -> str:
+    def _move(self, block: _Block, places: Places, source: str, *, through: bool = False) -> str:
         given = block.value("F")
         feed, rapid = "", self._motion == 0
         if given is not None:
@@ -212,6 +247,8 @@ class _IsoFollower:
         if places and self._motion not in _MOTIONS:
             raise NotFollowed("move in a mode that is not followed", source)
         explicit = {2, 3} & set(block.codes)
+        if through:
+            return joined(speed, self.tnc.through(places, rapid=rapid, feed=feed, functions=block.functions))
         if self._motion in (2, 3) and (places or explicit):
             return joined(speed, self._arc(block, places, feed))
         return joined(speed, self.tnc.straight(places, rapid=rapid, feed=feed, functions=block.functions))

@@ -143,3 +143,7 @@ class KlartextSpelling:
     def centre(self, place: Sequence[str]) -> str:
         """Return the block of a circle's centre."""
         return " ".join(["CC", *place])
+
+    def ended(self, line: str, _data: bytes) -> str:
+        """Return a new line as it is: blocks have no mark at their ends."""
+        return line

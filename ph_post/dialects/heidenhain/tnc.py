@@ -9,15 +9,14 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from decimal import Decimal
-from typing import Final
+from typing import Final, Protocol
 
 import msgspec
 from msgspec.structs import replace
 
-from ph_post.dialects.heidenhain.table import KlartextRows
 from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark, line_error, read_translated, text_of
 from ph_post.errors import InputError
-from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram
+from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram, WordTable
 from ph_post.gcode.words import lines_of
 
 NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
@@ -47,8 +46,8 @@ _WHOLE: Final = 1e-9
 
 _MACHINE: Final = frozenset((91, 92))
 """M functions with which the positions of a block are the machine's."""
-_POLAR: Final = re.compile(r"[CL]P\b|C\b")
-"""What uses the pole."""
+KLARTEXT_POLAR: Final = re.compile(r"[CL]P\b|C\b")
+"""What uses the pole in conversational programs."""
 
 _FEED: Final = re.compile(rf"(?:L|C)[A-Z]?\b.*?(?<![A-Z])F\s*({NUMBER}|Q[LRS]?\d+)")
 """A feed in a block that moves, which stays in force whatever else is in it."""
@@ -94,6 +93,8 @@ class Tnc:
     ----------
     units : str
         G20 or G21.
+    polar : pattern
+        What may use the pole, of what is passed through.
 
     Attributes
     ----------
@@ -111,7 +112,8 @@ class Tnc:
         By line the feed that a parameter gives it.
     """
 
-    def __init__(self, units: str) -> None:
+    def __init__(self, units: str, polar: re.Pattern[str] = KLARTEXT_POLAR) -> None:
+        self._polar = polar
         self.texts: list[str] = []
         self.remarks: dict[int, Remark] = {}
         self.tool_axis = "Z"
@@ -139,7 +141,7 @@ class Tnc:
             text = follow()
         except NotFollowed as found:
             self.forget(AXES)
-            if self._pole_line is not None and _POLAR.match(source):
+            if self._pole_line is not None and self._polar.match(source):
                 self.arcs.pop(len(self.texts), None)
                 self.users[len(self.texts)] = self._pole_line
             column = source.find(found.text) + 1 if found.text else 1
@@ -182,6 +184,16 @@ class Tnc:
         ends = self._ends(places)
         self._moved = len(self.texts)
         return joined("G0" if rapid else "G1", *ends, feed, *words)
+
+    def through(self, places: Places, *, rapid: bool, feed: str, functions: list[int]) -> str:
+        """Write a move that is passed through, and whose end is known."""
+        if _MACHINE & set(functions):
+            return self.straight(places, rapid=rapid, feed=feed, functions=functions)
+        ends = self._ends(places)
+        self._moved = len(self.texts)
+        if self._pole_line is not None:
+            self.users[len(self.texts)] = self._pole_line
+        return joined("G0 A0" if rapid else "G1 A0", *ends, feed, *self._functions(functions))
 
     def arc(self, places: Places, *, left: bool, radius: Decimal | None, feed: str, functions: list[int]) -> str:
         """Write an arc about the pole, or with a radius."""
@@ -331,6 +343,16 @@ REPEATED: Final = "repeated part"
 JUMPED: Final = "part that is jumped over or back to"
 
 
+class TncRows(Protocol):
+    """Makes the word table of a program, line by line."""
+
+    def add(self, block: int, base: int, line: str, feed: Decimal | None = None) -> None:
+        """Add the words of a line whose first byte is at `base`; `feed` is what a parameter gives it."""
+
+    def table(self) -> WordTable:
+        """Return the table."""
+
+
 class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
     """Frame, labels and jumps of one of the two languages.
 
@@ -349,8 +371,8 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
         first group, its name the last.
     label_words : str
         Words that set a label.
-    rows : callable or None
-        Makes the rows of a word table; None where programs are not changed in place.
+    rows : callable
+        Makes the rows of a word table.
     """
 
     plain: Callable[[str], str]
@@ -360,7 +382,7 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
     label: re.Pattern[str]
     calls: Mapping[str, re.Pattern[str]]
     label_words: str
-    rows: Callable[[], KlartextRows] | None = None
+    rows: Callable[[], TncRows]
 
 
 class TncSource:
@@ -413,10 +435,7 @@ class TncSource:
                     tnc.texts[number] = NOT_UNDERSTOOD
                     tnc.remarks[number] = Remark(what=what)
         texts = [text.encode() for text in tnc.with_modes()]
-        rows = self._language.rows
-        if rows is None:
-            return read_translated(self._data, self._lines, self._name, texts, tnc.remarks, in_place=False)
-        found = rows()
+        found = self._language.rows()
         for number in range(self._lines.size - 1):
             line = text_of(self._data, self._lines, number).decode("latin-1")
             found.add(number, int(self._lines[number]), line, feed=tnc.feeds.get(number))

@@ -15,6 +15,11 @@ import numpy as np
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Array, BoolArray, IntArray
 
+_PASSED: Final = "not understood"
+"""Kind of the break behind a line that was passed through."""
+_APART: Final = 1e-9
+"""Places that differ by less [m] are the same."""
+
 
 def known_ends(program: PartProgram) -> tuple[Array, Array]:
     """Return starts and ends of motions (n, 3) [m]; where a coordinate is not known, the one known last.
@@ -35,6 +40,8 @@ def known_ends(program: PartProgram) -> tuple[Array, Array]:
 def unknown_motions(program: PartProgram) -> BoolArray:
     r"""Find the motions (n,) behind such lines, of which it is not known where they begin.
 
+    So are those behind a line that was passed through and led elsewhere by a way that is not known.
+
     Examples
     --------
     >>> from ph_post.gcode.read import read_program
@@ -47,7 +54,12 @@ def unknown_motions(program: PartProgram) -> BoolArray:
         return np.zeros(0, dtype=np.bool_)
     open_start, before = np.isnan(motions.start), np.zeros(motions.start.shape, dtype=np.bool_)
     before[1:] = np.maximum.accumulate(~np.isnan(motions.end), axis=0)[:-1]
-    return np.asarray((open_start & before).any(axis=1))
+    found = np.asarray((open_start & before).any(axis=1))
+    for one in program.breaks:
+        if one.kind == _PASSED and 0 < one.motion < found.size:
+            jump = motions.start[one.motion] - motions.end[one.motion - 1]
+            found[one.motion] |= bool((np.abs(jump) > _APART).any())
+    return found
 
 
 def unknown_lines(program: PartProgram) -> tuple[tuple[int, int], ...]:

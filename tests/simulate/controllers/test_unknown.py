@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 import ph_post as ph
 from ph_post.cli.main import main
+from ph_post.dialects.reading import read_as
 from ph_post.drive.machinefile import read_machine
 from ph_post.gcode.read import read_program
 from ph_post.report.motion_page import motion_lines
@@ -119,3 +120,9 @@ def test_the_lines_for_readers_without_scripts_say_it_too():
     result = ph.compensate(PROGRAM, ROUTER)
     picture = program_picture(result.edited, ROUTER, "auto", result.places)
     assert sum("nothing is drawn" in line for line in motion_lines(picture)) == 2
+
+
+def test_behind_a_line_that_led_elsewhere_the_way_is_not_known() -> None:
+    blocks = ["L X+0 Y+0 Z+0 R0 F100", "L X+10", "CC X+15 Y+0", "CP IPA+180 IZ-1 DR+", "L X+0", "L X+5"]
+    text = "\n".join(["BEGIN PGM A MM", *blocks, "END PGM A MM", ""])
+    assert unknown_motions(read_as("heidenhain", text.encode(), "a.h")).tolist() == [False, False, True, False]
