@@ -74,11 +74,10 @@ def compare_motions(before: ProgramMotion, after: ProgramMotion, planned: float)
     Returns
     -------
     GuardFinding or None
-        None where a program is too long to be simulated, cannot be, or does not move.
+        None where a program is too long to be simulated, or cannot be.
     """
     try:
-        moves = before.command.t.size and after.command.t.size
-        if not moves or max(before.time, after.time) > LONGEST_SIMULATED:
+        if max(before.time, after.time) > LONGEST_SIMULATED:
             return None
         one, other = (_section_errors(motion) for motion in (before, after))
     except (PhPostError, MemoryError):

@@ -31,7 +31,7 @@ from ph_post.simulate.controllers.deviation import (
     left_of_path,
 )
 from ph_post.simulate.controllers.gap_error import program_gap_error
-from ph_post.simulate.controllers.run import run_program
+from ph_post.simulate.controllers.run import PlannedRun
 from ph_post.types import Array, Command, Machine, Plan, Scenario
 
 
@@ -266,16 +266,21 @@ class ProgramMotion(MotionResult):
         self._plain = self if plain is None else plain
         self._led, self._known = led, not led or plain is not None
 
-    @property
+    @cached_property
     def time(self) -> float:
         """Duration of the motion, from rest to rest [s]."""
-        return float(self.command.t[-1]) if self.command.t.size else 0.0
+        found = self._planned.time
+        return float(self.command.t[-1]) if found is None else found
+
+    @cached_property
+    def _planned(self) -> PlannedRun:
+        self._progress(f"running the {self._name} on a model of the controller")
+        return PlannedRun(self.program, self.machine)
 
     @cached_property
     def command(self) -> Command:
         """Command of the controller in every servo period."""
-        self._progress(f"running the {self._name} on a model of the controller")
-        return run_program(self.program, self.machine, meet_turns=True)
+        return self._planned.command(meet_turns=True)
 
     @cached_property
     def cut(self) -> FollowedCut:
@@ -286,9 +291,9 @@ class ProgramMotion(MotionResult):
     def assessment(self) -> ProgramError | None:
         """Error of the motion on every machine that the file leaves possible.
 
-        None where nothing moves, or the program runs longer than `LONGEST_SIMULATED`.
+        None where the program runs longer than `LONGEST_SIMULATED`.
         """
-        if not self.command.t.size or self.time > LONGEST_SIMULATED:
+        if self.time > LONGEST_SIMULATED:
             return None
         return cut_error(self.cut)
 

@@ -264,11 +264,13 @@ class CrossingPlanner:
             motor[straight] = points[n - 1] + share[:, None] * (points[n] - points[n - 1])
         carried = np.where(np.arange(len(AXES)) == column, 0.0, spot.before)
         table = motor - carried
-        offsets = sorted((float(spot.before[column]), float(spot.after[column])))
-        at = motor[0, column] - spot.before[column]
-        for n in range(s.size):
-            at = min(max(at, motor[n, column] - offsets[1]), motor[n, column] - offsets[0])
-            table[n, column] = at
+        before = float(spot.before[column])
+        low, high = sorted((before, float(spot.after[column])))
+        pushed = motor[:, column].tolist()
+        held = [pushed[0] - before]
+        for place in pushed:
+            held.append(min(max(held[-1], place - high), place - low))
+        table[:, column] = held[1:]
         tangent = np.gradient(path, s, axis=0)
         tangent /= np.maximum(np.linalg.norm(tangent, axis=1), 1e-12)[:, None]
         off = table - path

@@ -403,30 +403,41 @@ def _meet_turns(
     way[row[inside]], block[row[inside]], position[row[inside]] = 0.0, turns[inside], blocks.start[turns[inside]]
 
 
-def exact_rows(
-    blocks: StraightBlocks,
-    planner: ExactPath,
-    limits: Array,
-    period: float,
-    program: PartProgram,
-    *,
-    meet_turns: bool = False,
-) -> tuple[Array, IntArray, Array, Array]:
-    """Return position (m, 3) [m], motion and share of it in every period, and the ways (m - 1,) [m] between them.
+class ExactRun(NamedTuple):
+    """Blocks, what is planned for them, and the number of periods from the first row to the last."""
 
-    Speeds are those of :func:`plan_trapezoids`. The first row is the beginning, and the last the end, at rest. To
-    `meet_turns` the rows next to where an axis turns back are moved there, by half a period at most; the ways stay.
+    blocks: StraightBlocks
+    plan: Trapezoids
+    periods: int
+
+
+def plan_exact(
+    blocks: StraightBlocks, planner: ExactPath, limits: Array, period: float, program: PartProgram
+) -> ExactRun:
+    """Plan blocks, with the speeds of :func:`plan_trapezoids`, and count the periods that they take.
 
     Raises
     ------
     TooLargeError
-        Where there are too many periods.
+        Where there are too many.
     """
+    plan = plan_trapezoids(blocks, planner, limits)
+    if blocks.length.size == 0:
+        return ExactRun(blocks, plan, 0)
+    check_duration(program, blocks.motion, blocks.pause + plan.times.sum(axis=1), period)
+    return ExactRun(blocks, plan, math.ceil(plan.total / period - ROUNDING))
+
+
+def exact_rows(run: ExactRun, period: float, *, meet_turns: bool = False) -> tuple[Array, IntArray, Array, Array]:
+    """Return position (m, 3) [m], motion and share of it in every period, and the ways (m - 1,) [m] between them.
+
+    The first row is the beginning, and the last the end, at rest. To `meet_turns` the rows next to where an axis turns
+    back are moved there, by half a period at most; the ways stay.
+    """
+    blocks, plan = run.blocks, run.plan
     if blocks.length.size == 0:
         return np.zeros((1, 3)), np.array([-1]), np.zeros(1), np.zeros(0)
-    plan = plan_trapezoids(blocks, planner, limits)
-    check_duration(program, blocks.motion, blocks.pause + plan.times.sum(axis=1), period)
-    count = math.ceil(plan.total / period - ROUNDING) + 1
+    count = run.periods + 1
     way, block = np.empty(count), np.empty(count, dtype=np.int64)
     sample(plan.square, plan.times, blocks.push, blocks.length, plan.begins, period, way, block)
     position = _positions(blocks.start, blocks.end, blocks.length, way, block)

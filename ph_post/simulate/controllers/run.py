@@ -21,7 +21,7 @@ from ph_post.drive.cascade import response_time
 from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, PartProgram
 from ph_post.simulate.controllers.chords import StraightBlocks, straight_blocks
 from ph_post.simulate.controllers.durations import check_duration, refuse_run
-from ph_post.simulate.controllers.exact_path import exact_rows, steps_of
+from ph_post.simulate.controllers.exact_path import ExactRun, exact_rows, plan_exact, steps_of
 from ph_post.simulate.controllers.further_times import with_further_times
 from ph_post.simulate.controllers.legs import (
     ACROSS,
@@ -49,7 +49,6 @@ from ph_post.types import (
     Limits,
     Machine,
     RoundedPath,
-    frozen,
     sealed,
 )
 
@@ -414,15 +413,43 @@ def run_program(
     TooLargeError
         Where the motion takes too many servo periods.
     """
-    limits, period = limit_table(machine), machine.servo_period
-    planner = planner_of(machine) if planner is None else planner
-    program = with_further_times(program, machine)
-    if isinstance(planner, ExactPath):
-        blocks = _blocks(program, limits, planner, period)
-        meet_turns = meet_turns and not any(response_time(axis.servo) for axis in machine.axes.values())
-        return _command(*exact_rows(blocks, planner, limits, period, program, meet_turns=meet_turns), machine)
-    position, motion, share = _run(*_planned(_moves(program, limits, planner, period), limits, period), period, program)
-    return _command(position, *_own_moves(program, motion, share), steps_of(position), machine)
+    return PlannedRun(program, machine, planner).command(meet_turns=meet_turns)
+
+
+class PlannedRun:
+    """A program as a model of its controller plans it, of which rows are made where they are asked for.
+
+    Parameters
+    ----------
+    program, machine, planner
+        As of :func:`run_program`, which raises the same.
+    """
+
+    def __init__(self, program: PartProgram, machine: Machine, planner: ControllerPlanner | None = None) -> None:
+        self._machine, self._program = machine, with_further_times(program, machine)
+        self._planner = planner_of(machine) if planner is None else planner
+        self._exact: ExactRun | None = None
+        if isinstance(self._planner, ExactPath):
+            limits, period = limit_table(machine), machine.servo_period
+            blocks = _blocks(self._program, limits, self._planner, period)
+            self._exact = plan_exact(blocks, self._planner, limits, period, self._program)
+
+    @property
+    def time(self) -> float | None:
+        """Time of the last row [s]; None where only the rows say."""
+        return None if self._exact is None else self._exact.periods * self._machine.servo_period
+
+    def command(self, *, meet_turns: bool = False) -> Command:
+        """Return the rows, as :func:`run_program`."""
+        machine, program, planner, period = self._machine, self._program, self._planner, self._machine.servo_period
+        if self._exact is not None:
+            meet_turns = meet_turns and not any(response_time(axis.servo) for axis in machine.axes.values())
+            return _command(*exact_rows(self._exact, period, meet_turns=meet_turns), machine)
+        assert isinstance(planner, RoundedPath)
+        limits = limit_table(machine)
+        moves = _planned(_moves(program, limits, planner, period), limits, period)
+        position, motion, share = _run(*moves, period, program)
+        return _command(position, *_own_moves(program, motion, share), steps_of(position), machine)
 
 
 def check_run(program: PartProgram, machine: Machine) -> None:
@@ -536,11 +563,11 @@ def _command(position: Array, motion: IntArray, share: Array, steps: Array, mach
     return Command(
         axes=names,
         period=period,
-        t=frozen(np.arange(count) * period),
+        t=sealed(np.arange(count) * period),
         segment=motion,
         xi=sealed(share),
-        s=frozen(np.concatenate([[0.0], np.cumsum(steps)])),
-        position=frozen(position[:, columns]),
-        feed=frozen(np.concatenate([[0.0], steps]) / period),
+        s=sealed(np.concatenate([[0.0], np.cumsum(steps)])),
+        position=sealed(position[:, columns]),
+        feed=sealed(np.concatenate([[0.0], steps]) / period),
         window=np.full(count, -1, dtype=np.int64),
     )
