@@ -250,7 +250,8 @@ def _bound(size: float) -> str:
     return decimal_text(math.ceil(size / MM * 10**_CROSSING_PLACES - 1e-6), _CROSSING_PLACES)
 
 
-_HEAD = comment_pattern(r"ph-post (\S[^\r\n]*?) compensated this program", alone=True)
+_COMPENSATED: Final = b"compensated this program"
+_HEAD = comment_pattern(rf"ph-post (\S[^\r\n]*?) {_COMPENSATED.decode()}", alone=True)
 
 
 _FURTHER = comment_pattern("  (.*)")
@@ -301,7 +302,7 @@ def read_declaration(data: bytes) -> Declaration | None:
     InputError
         Where its header is damaged.
     """
-    head = _HEAD.search(data)
+    head = _HEAD.search(data) if _COMPENSATED in data.lower() else None
     if head is None:
         return None
     fields: dict[str, Any] = {

@@ -213,10 +213,13 @@ class _Assembly:
 
 def _grouped(feed: Array, is_line: BoolArray) -> Array:
     """Give straight moves of nearly one feed the first one's."""
-    found, held = feed.tolist(), -1.0
-    for row, (own, line) in enumerate(zip(found, is_line.tolist(), strict=True)):
+    # What repeats the move before it goes the same way.
+    heads = np.flatnonzero((feed[1:] != feed[:-1]) | (is_line[1:] != is_line[:-1])) + 1
+    heads = np.concatenate([[0], heads]) if feed.size else heads
+    found, held = feed[heads].tolist(), -1.0
+    for row, (own, line) in enumerate(zip(found, is_line[heads].tolist(), strict=True)):
         if line and held > 0.0 and abs(own - held) <= FEED_ROUGH * held:
             found[row] = held
         else:
             held = own if line else -1.0
-    return np.array(found)
+    return np.repeat(found, np.diff(heads, append=feed.size))

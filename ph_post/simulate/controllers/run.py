@@ -560,14 +560,15 @@ def _command(position: Array, motion: IntArray, share: Array, steps: Array, mach
     columns = [AXES.index(name) for name in names]
     period = machine.servo_period
     count = len(position)
+    ways: Array = np.concatenate([[0.0], steps])
     return Command(
         axes=names,
         period=period,
-        t=sealed(np.arange(count) * period),
+        t=sealed(np.arange(count, dtype=np.float64) * period),
         segment=motion,
         xi=sealed(share),
-        s=sealed(np.concatenate([[0.0], np.cumsum(steps)])),
+        s=sealed(np.cumsum(ways)),
         position=sealed(position[:, columns]),
-        feed=sealed(np.concatenate([[0.0], steps]) / period),
+        feed=sealed(ways / period),
         window=np.full(count, -1, dtype=np.int64),
     )
