@@ -105,6 +105,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if thinned := item.get_closest_marker("thinned"):
             function = item.nodeid.partition("[")[0]
             always, slowly = (*thinned.args, 1)[:2]
+            assert always % slowly == 0, f"{function}: what is tried always is tried by .ci/run too"
             if cases[function] % always:
                 item.add_marker(pytest.mark.slow)
             if cases[function] % slowly and os.environ.get(ALL) != EVERY:

@@ -63,6 +63,7 @@ def test_an_axis_that_is_brought_onto_its_side_behind_a_rapid_is_in_the_air(part
     assert result.after.error.max < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "machine", "words", "options"),
     [

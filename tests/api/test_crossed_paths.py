@@ -98,6 +98,7 @@ def test_it_is_what_the_plain_program_becomes_by_itself(tmp_path):
     assert again.after.error == ph_result.after.error
 
 
+@pytest.mark.slow
 def test_a_loop_with_the_backlash_inside_beside_one_outside(tmp_path):
     mixed = ph.read_machine("router")
     # Made by hand, not read from a file.
@@ -112,6 +113,7 @@ def test_a_loop_with_the_backlash_inside_beside_one_outside(tmp_path):
     assert ph.verify(plain, program, machine).ok
 
 
+@pytest.mark.slow
 def test_a_table_is_what_it_was(tmp_path, capsys):
     """With -o and --table each has its own way, and both lines of the result are there."""
     program, table = tmp_path / "oval.ngc", tmp_path / "oval.csv"

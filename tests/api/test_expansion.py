@@ -135,6 +135,7 @@ def test_cycles_and_turned_coordinates_of_fanuc(file, tmp_path):
     assert b"G83 X10." in plain.program()
 
 
+@pytest.mark.slow
 def test_repeats_and_parameters_of_siemens(file, tmp_path):
     source = tmp_path / "part.mpf"
     source.write_text("G71 G90 G17\nR1=20\nG0 X0 Y0\nROW: G1 X=R1 F600\nY=IC(2)\nX0\nR1=R1+1\nREPEAT ROW P=2\nM30\n")

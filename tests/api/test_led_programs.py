@@ -59,6 +59,7 @@ def errors(text: str, factor: float = 1.0) -> np.ndarray:
     return np.max(found, axis=0)
 
 
+@pytest.mark.slow
 def test_the_lead_takes_the_lag_out_of_a_circle(led):
     plain, after = errors(CIRCLE), errors(led.program().decode())
     assert plain.max() > 35e-6

@@ -71,6 +71,7 @@ def fleet(logs, out, *more):
     return main(["fleet", str(logs), "-o", str(out), *more])
 
 
+@pytest.mark.slow
 def test_a_log_gives_what_identify_gives(real, tmp_path, capsys):
     folder, out = tmp_path / "logs", tmp_path / "out"
     folder.mkdir()

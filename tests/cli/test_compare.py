@@ -45,6 +45,7 @@ def compared(capsys, *arguments):
     return rows
 
 
+@pytest.mark.slow
 def test_all_strategies_the_plain_program_first(capsys, hump):
     rows = compared(capsys, hump, "-m", "mill", "--allow-retrograde")
     assert rows[0]["name"] == "none"
@@ -106,6 +107,7 @@ def test_a_strategy_of_another_loop_is_refused(capsys, monkeypatch, hump):
     assert "scales does not compensate axes with these feedback loops" in err
 
 
+@pytest.mark.slow
 def test_broken_limits_are_a_refusal(capsys, monkeypatch, hump):
     from ph_post.compensate import comparison
     from ph_post.compensate.violations import Violation

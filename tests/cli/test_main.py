@@ -410,6 +410,7 @@ def test_help_page_imports_nothing_slow():
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+@pytest.mark.slow
 def test_a_program_is_compensated_without_what_logs_need():
     # scipy.signal and scipy.stats take longer to load than a short program to compensate.
     words = ["convert", str(ROOT / "samples" / "programs" / "pocket_grbl.ngc"), "-m", "stepper", "-o", "-"]

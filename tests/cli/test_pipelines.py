@@ -44,6 +44,7 @@ def one_line(done):
 # LinuxCNC
 
 
+@pytest.mark.slow
 def test_the_filter_gives_nothing_but_the_program(part, tmp_path):
     """As the screens of LinuxCNC run it: by sh, the path in single quotes, its standard input closed."""
     command = executable(tmp_path / "ph-post-filter", "filter")

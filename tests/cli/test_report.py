@@ -26,7 +26,7 @@ def data_of(text):
     return json.loads(found, parse_constant=refuse)
 
 
-@pytest.mark.thinned(3, 2)
+@pytest.mark.thinned(4, 2)
 @pytest.mark.parametrize("name", shipped_names("paths"))
 def test_every_shipped_path_has_a_page_without_nan_and_not_too_large(name, tmp_path, capsys):
     page = tmp_path / "page.html"
@@ -129,7 +129,7 @@ DRAWING = [
 ]
 
 
-@pytest.mark.thinned(5, 2)
+@pytest.mark.thinned(6, 2)
 @pytest.mark.parametrize(("ending", "command"), list(product(("png", "svg", "pdf"), DRAWING)))
 def test_commands_draw_in_the_format_of_the_ending(tmp_path, monkeypatch, capsys, command, ending):
     monkeypatch.chdir(tmp_path)
@@ -169,8 +169,9 @@ def test_a_short_motion_is_drawn_as_it_is():
 
 @pytest.mark.slow
 def test_identify_draws_what_is_left_of_the_record(tmp_path, capsys):
-    picture = tmp_path / "left.png"
-    assert main(["identify", str(WORN), "-m", "router", "--plot", str(picture)]) == 0
+    picture, log = tmp_path / "left.png", tmp_path / "first.csv"
+    log.write_bytes(b"".join(WORN.read_bytes().splitlines(keepends=True)[:2600]))
+    assert main(["identify", str(log), "-m", "router", "--plot", str(picture)]) == 0
     assert f"wrote {picture}" in capsys.readouterr().err
     assert picture.read_bytes().startswith(b"\x89PNG")
 

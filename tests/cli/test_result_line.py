@@ -186,6 +186,7 @@ def test_simulate_judges_the_plain_program_by_itself(capsys: pytest.CaptureFixtu
     assert view["reversals"] == {"compensated": 0, "all": int(found["all"])}
 
 
+@pytest.mark.slow
 def test_simulate_and_compare_tell_of_a_strategy_beside_the_plain_program(capsys: pytest.CaptureFixture[str]) -> None:
     words = ("circle", "-m", "stepper", "--effort", "0.01")
     _, out = ended(capsys, "simulate", *words, "--strategy", "auto")

@@ -194,7 +194,7 @@ CASES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.thinned(1, 2)
+@pytest.mark.thinned(2, 2)
 def test_what_is_led_does_no_harm_with_half_of_it(case):
     effects, axis, gain = CASES[case]
     path, machine = rubbing(effects, **axis)
@@ -246,6 +246,7 @@ def test_less_is_led_where_half_of_the_friction_would_do_harm():
         assert all(own <= 1.005 * other for own, other in zip(after, before, strict=True))
 
 
+@pytest.mark.slow
 def test_without_inverse_dynamics_or_friction_nothing_of_it_is_led():
     path, machine = rubbing((COULOMB,))
     for other, lead in ((machine, False), (make_machine(acceleration=1.0, jerk=30.0), True)):

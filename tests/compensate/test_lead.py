@@ -148,6 +148,7 @@ def test_a_motion_rests_at_its_stops() -> None:
     assert rested.s.tolist() == [0.0, 0.0, 0.5, 1.0, 1.0, 1.5, 2.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "plain", "largest", "rms", "longer"),
     [("pocket", 37.0, 12.0, 1.2, 0.025), ("butterfly", 213.0, 32.0, 6.0, 0.03), ("oval", 52.0, 9.0, 0.8, 0.01)],

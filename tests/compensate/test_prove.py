@@ -126,6 +126,7 @@ def same_phase(one: Phase, other: Phase) -> bool:
     return first == second and np.array_equal(one.speed, other.speed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("feedback", ["load", "motor"])
 @pytest.mark.thinned(2)
 def test_the_same_job_gives_the_same_plan_twice(feedback: str, monkeypatch: pytest.MonkeyPatch) -> None:

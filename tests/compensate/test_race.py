@@ -49,6 +49,7 @@ def test_auto_is_as_good_as_takeup_on_the_circle_of_the_paper() -> None:
     assert plan_time(auto) <= 1.1 * plan_time(plain) * (1.0 + 1e-4)
 
 
+@pytest.mark.slow
 def test_what_more_time_would_bring_is_true() -> None:
     """With the time that the warning names the error is what it says, or less."""
     analysis = analysis_of("circle", "paper")
@@ -83,6 +84,7 @@ def test_nothing_is_tried_without_inverse_dynamics_where_no_axis_lags(machine: s
     assert said.count("racing plan 1") == times
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", ["stepper", "paper"])
 def test_no_command_is_measured_twice_on_a_machine(machine: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Several strategies come to the same plan, and the best is looked at several times."""

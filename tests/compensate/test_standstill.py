@@ -24,6 +24,7 @@ def oval(**options):
     return ph.compensate("oval", "mill", output="table", effort=0.05, **options)
 
 
+@pytest.mark.slow
 def test_what_is_counted_is_what_the_rows_show() -> None:
     found = oval()
     counted = sum(one.time for one in found.after.standstills)

@@ -27,6 +27,7 @@ def test_a_refused_program_is_told_by_its_line() -> None:
         run_on_linuxcnc(text, "part.ngc", read_machine("mill"))
 
 
+@pytest.mark.slow
 @needs_linuxcnc
 def test_a_program_that_takes_too_long_is_given_up() -> None:
     text = b"G21 G90\nG0 X1\nG1 X1000 F1\nM2\n"

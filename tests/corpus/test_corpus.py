@@ -46,6 +46,9 @@ SECONDS = (
 )
 """Programs whose windows take seconds: they are for the slow tests, the short ones for all."""
 
+LARGE = ("boat-xyzac", "boat-xyzbc")
+"""Programs that take seconds on every machine."""
+
 MACHINES = {"stepper": stepper(), "mill": mill()}
 JOBS = [(name, "stepper", None) for name in ALL]
 JOBS += [
@@ -57,7 +60,8 @@ JOBS += [("comp-g1", "mill", "auto")]
 
 
 def job(name, machine, strategy):
-    slow = strategy == "auto" or (machine == "mill" and name.split("/")[-1] in SECONDS)
+    last = name.split("/")[-1]
+    slow = strategy == "auto" or last in LARGE or (machine == "mill" and last in SECONDS)
     return pytest.param(name, machine, strategy, marks=pytest.mark.slow if slow else ())
 
 

@@ -110,7 +110,7 @@ CASES = {
 
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.thinned(7, 2)
+@pytest.mark.thinned(8, 2)
 def test_a_known_place_comes_first(name: str, motion: str) -> None:
     case, m = CASES[name], MOTIONS[motion]()
     first, *_ = places(m, case.residual(m))

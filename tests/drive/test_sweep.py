@@ -190,6 +190,7 @@ QUICK = ("--effort", "0.01")
 """The search is not what these are about: both ways it is the same."""
 
 
+@pytest.mark.slow
 def test_convert_by_table_is_convert_by_solution(capsys, tmp_path: Path) -> None:
     table = str(tmp_path / "oval.json")
     grids = ("--beta", "1,2,3", "--gain", "1e7:4e7:40:log")

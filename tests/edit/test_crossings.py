@@ -163,7 +163,7 @@ Made = dict[tuple[str, str], tuple[str, Compensated]]
 
 
 @pytest.mark.parametrize("case", programs(), ids="/".join)
-@pytest.mark.thinned(7, 2)
+@pytest.mark.thinned(8, 2)
 def test_the_table_keeps_to_the_original_within_what_the_head_declares(made: Made, case: tuple[str, str]) -> None:
     text, found = made[case]
     changed = found.text.decode()

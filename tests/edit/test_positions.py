@@ -79,7 +79,7 @@ def test_holes_are_exact_from_the_first_one(dialect, begin):
 
 @pytest.mark.parametrize("side", ["+", "-"])
 @pytest.mark.parametrize("true", [0.0, 0.5, 1.0, 1.7, 2.0])
-@pytest.mark.thinned(5, 2)
+@pytest.mark.thinned(6, 2)
 def test_holes_from_one_side_do_not_need_the_size_of_the_backlash(true, side):
     text, result = compensated(drilling(), machine(), position_from=side)
     plain, _ = compensated(drilling(), machine())

@@ -118,6 +118,7 @@ def test_from_a_mark_the_part_is_as_good_as_from_the_beginning(pair: tuple[str, 
         assert errors(started(text, line, begin), path) <= whole + 0.1 * UM
 
 
+@pytest.mark.slow
 @pytest.mark.thinned(2)
 def test_from_any_other_line_only_the_first_way_through_the_backlash_differs(pair: tuple[str, str]) -> None:
     own, text = pair
@@ -148,6 +149,7 @@ def test_from_any_other_line_only_the_first_way_through_the_backlash_differs(pai
     assert plain < worst <= 2.0 * plain + whole
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.thinned(4, 2)
 def test_from_no_line_the_tool_is_lower_than_in_the_plain_program(pair: tuple[str, str], side: float) -> None:

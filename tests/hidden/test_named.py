@@ -39,7 +39,7 @@ def named(result: Result) -> set[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(("name", "channels", "feedback", "seed"), SINGLES[::4])
-@pytest.mark.thinned(1, 2)
+@pytest.mark.thinned(2, 2)
 def test_one_hidden_effect_is_named_and_sized(name: str, channels: str, feedback: str, seed: int) -> None:
     """Every second one; all of them in tests/long."""
     is_named_and_sized(name, channels, feedback, seed)
@@ -61,7 +61,7 @@ def is_named_and_sized(name: str, channels: str, feedback: str, seed: int) -> No
         (["cyclic_error", "thermal_growth"], "act+motor", "motor", 13),
     ],
 )
-@pytest.mark.thinned(1, 2)
+@pytest.mark.thinned(2, 2)
 def test_two_hidden_effects_are_both_named(names: list[str], channels: str, feedback: str, seed: int) -> None:
     result = diagnosed("pair", names, channels, feedback, seed)
     assert named(result) == {(truth["name"], truth["axis"]) for truth in result["truths"]}
@@ -77,7 +77,7 @@ def test_two_hidden_effects_are_both_named(names: list[str], channels: str, feed
         ("act+motor+force", "load", 24),
     ],
 )
-@pytest.mark.thinned(1, 2)
+@pytest.mark.thinned(2, 2)
 def test_nothing_is_invented(channels: str, feedback: str, seed: int) -> None:
     assert diagnosed("nothing", [], channels, feedback, seed)["verdict"] == "nothing-missing"
 
@@ -91,7 +91,7 @@ def test_what_does_the_same_is_told_as_ambiguous() -> None:
 
 
 @pytest.mark.parametrize(("name", "seed"), [("hum", 0), ("loading", 4)])
-@pytest.mark.thinned(1, 2)
+@pytest.mark.thinned(2, 2)
 def test_what_no_name_explains_is_unknown_and_adds_nothing(name: str, seed: int) -> None:
     result = diagnosed("outside", [name], "act", "motor", seed)
     assert result["verdict"] == "unknown"

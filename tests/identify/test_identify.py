@@ -216,7 +216,7 @@ def test_an_ideal_stepper_has_neither_b_nor_c() -> None:
 
 
 def test_a_reading_that_leads_is_no_drive() -> None:
-    log = record(MOTOR, "motor")
+    log = record(MOTOR, "motor", track=to_and_fro(np.random.default_rng(1), 1))
     axis = log.axes["X"]
     assert axis.motor is not None
     swapped = AxisLog(command=axis.motor, motor=axis.command)
@@ -226,6 +226,7 @@ def test_a_reading_that_leads_is_no_drive() -> None:
     assert str(refusal.value).startswith("swapped: X: ")
 
 
+@pytest.mark.slow
 @needs_emps
 def test_the_measured_drive() -> None:
     """Published: mass 95.1 kg, K 1.3707 N/um, 203.5 N s/m of friction; a linear model misses about 7.2 um."""

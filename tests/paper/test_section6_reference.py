@@ -83,6 +83,7 @@ def test_retrograde_pass_reverses_both_axes() -> None:
     assert [event.kind for event in y.events] == ["opens", "picks up", "opens", "picks up"]
 
 
+@pytest.mark.slow
 def test_momentum_chatters() -> None:
     """A plastic impact instead of standstill: 18 contacts instead of 1, and 27 instead of 5 at -0.45."""
     contacts = []

@@ -31,6 +31,7 @@ def sampled(run: interpreter.Run) -> np.ndarray:
     return np.concatenate([move.points(max(2, int(move.length / 5e-3)))[1:] for move in cuts(run)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "how"),
     [

@@ -55,6 +55,7 @@ def test_what_the_writer_writes_is_accepted(start):
     assert changed > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", starts(40))
 @pytest.mark.thinned(2)
 def test_no_number_can_be_changed_unseen(start):

@@ -332,6 +332,7 @@ def test_a_polygon_is_as_near_as_the_nearest_of_its_sides(corners, points):
     np.testing.assert_allclose(np.abs(nearest(lines(corners), points).error), exact, rtol=0, atol=EXACT)
 
 
+@pytest.mark.slow
 @given(heights, heights, places)
 def test_turning_and_moving_everything_changes_nothing(x, y, points):
     control, points = np.stack([np.arange(0, 200, 50) + x, y], 1), 10 * np.array(points)

@@ -50,7 +50,7 @@ PICKUPS = ("standstill", "momentum", "contact")
 LOAD_LOOPS = list(product(("P", "PI", "PID"), PICKUPS, ("sines", "trapezoids", "circle")))
 
 
-@pytest.mark.thinned(7, 2)
+@pytest.mark.thinned(8, 2)
 @pytest.mark.parametrize(("control", "pickup", "kind"), LOAD_LOOPS)
 def test_load_loops(control: str, pickup: Pickup, kind: str) -> None:
     rng = np.random.default_rng([len(control), len(pickup), len(kind)])
@@ -115,7 +115,7 @@ EFFECTS = {
 }
 
 
-@pytest.mark.thinned(7, 3)
+@pytest.mark.thinned(9, 3)
 @pytest.mark.parametrize(("name", "pickup", "flank"), list(product(EFFECTS, PICKUPS, (1, -1))))
 def test_effects_inside_the_loop(name: str, pickup: Pickup, flank: int) -> None:
     axis = make_axis("load", **SOFT, pickup=pickup, flank=flank, effects=EFFECTS[name])
