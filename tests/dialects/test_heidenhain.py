@@ -286,3 +286,26 @@ def test_behind_another_program_nothing_counts_before_g90_or_g91() -> None:
         "move behind a program that may have ended in G90 or G91",
     ]
     assert program.motions.end[-1, 0] == 0.007
+
+
+TANGENTIAL = {
+    "heidenhain": ("L X+0 Y+0 Z+0 F100", "L X+5 Y+9", "L Z-1", "CT X+9 Y+20", "CT X+20 Y+9", "L X+30 Y+0", "L X+20"),
+    "heidenhain-iso": (
+        "G01 X+0 Y+0 Z+0 F100",
+        "X+5 Y+9",
+        "Z-1",
+        "G06 X+9 Y+20",
+        "G06 X+20 Y+9",
+        "G01 X+30 Y+0",
+        "X+20",
+    ),
+}
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_nothing_comes_between_a_tangential_move_and_the_ones_before_it(dialect: str) -> None:
+    """A short move there would be the one that its direction goes on from."""
+    program = read(dialect, TANGENTIAL)
+    assert program.notes[0].what.startswith("move from which a tangential one goes on")
+    assert program.notes[1].what.startswith("path function")
+    assert program.motions.block.tolist() == [1, 6, 7]

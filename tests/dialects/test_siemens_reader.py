@@ -240,6 +240,13 @@ def test_parameters_are_worked_out_where_lines_run_in_their_order() -> None:
     assert 3 in [note.first for note in jumps.notes]
 
 
+def test_nothing_comes_between_a_tangential_block_and_the_one_before_it() -> None:
+    """A short move there would be the one that its direction goes on from."""
+    program = read_siemens(b"G90 G71 F100\nG1 X0 Y0\nX5\nX10 Y10\nCT X20 Y20\nX30 Y10\nG1 X40\nX50\nM30\n", "a.mpf")
+    assert program.notes[0].what == "block before a tangential one"
+    assert program.motions.block.tolist() == [1, 2, 6, 7]
+
+
 def test_a_rounded_corner_ends_the_motion_on_both_sides() -> None:
     """What is put between the two blocks of a corner would be its next block."""
     program = _read(BEGIN + "X10 RND=2\nY10\nX20\nRNDM=1\nX30\nY20\nRNDM=0\nX40\nM30\n")

@@ -41,6 +41,7 @@ _MIRROR, _SCALING = 28, 72
 _MOTIONS: Final = frozenset((0, 1, 2, 3))
 _CUTS: Final = frozenset((5, 6, 7, 10, 11, 12, 13, 15, 16))
 """Arcs without a sense, tangential and polar moves: named."""
+_TANGENTIAL: Final = frozenset((6, 16))
 _FOLLOWED: Final = frozenset((4, 17, 18, 19, 29, 30, 31, 38, 40, 41, 42, 51, 62, 70, 71, 90, 91, 98, 99))
 
 
@@ -168,6 +169,8 @@ class _IsoFollower:
         if unknown:
             if unknown[0] in _CUTS:
                 self._motion = unknown[0]
+            if unknown[0] in _TANGENTIAL:
+                self.tnc.tangent("path function", f"G{unknown[0]:02d}")
             raise NotFollowed("path function" if unknown[0] in _CUTS else "unknown G word", f"G{unknown[0]:02d}")
         if block.odd:
             raise NotFollowed("unknown word", block.odd)

@@ -50,6 +50,7 @@ _SHIFTS: Final = frozenset((7, 247))
 _CALLED: Final = frozenset((*range(1, 7), 17, 18, *range(200, 210), 240, 241, *range(251, 255), *range(262, 268)))
 """Cycles that move when they are called, and not where they are defined."""
 _OTHERS: Final = re.compile(r"CTP|CT|LP|LCT|LN|FPOL|FLT|FL|FCT|FC|APPR|DEP|SPL")
+_TANGENTIAL: Final = re.compile(r"CTP?$|FCT$|FLT$|DEP$")
 _INCLINED: Final = "PLANE"
 
 
@@ -149,6 +150,8 @@ class _KlartextFollower:
             functions = [int(number) for number in _FUNCTION.findall(source)]
             text = self.tnc.straight({}, rapid=False, feed="", functions=functions)
             return joined("M0" if word == "STOP" else "", text)
+        if _TANGENTIAL.match(word):
+            self.tnc.tangent("path function", source)
         what = "path function" if _OTHERS.fullmatch(word) else "block delete" if word[0] == "/" else "unknown word"
         raise NotFollowed(what, source)
 

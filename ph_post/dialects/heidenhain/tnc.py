@@ -129,6 +129,7 @@ class Tnc:
         self.feeds: dict[int, Decimal] = {}
         self._cut = False
         self._called = False
+        self._plane_moved = 0
         self.poles: dict[int, tuple[float | None, ...]] = {}
         self.arcs: dict[int, int] = {}
         self.users: dict[int, int] = {}
@@ -239,6 +240,7 @@ class Tnc:
         for axis, value in zip((first, second), ends, strict=True):
             self._at[axis] = Decimal(repr(value)).quantize(step)
         self._moved = len(self.texts)
+        self._plane_moved = len(self.texts)
         self._plane_word = _PLANE_WORDS[third]
         words = [f"{axis}{format(self._at[axis] or 0, 'f')}" for axis in (first, second)] + rise
         more = self._functions(functions)
@@ -283,6 +285,8 @@ class Tnc:
             words.append(axis + format(place, "f"))
             if axis in AXES:
                 self._at[axis] = place
+        if {*places} & {*PLANES[self.tool_axis]}:
+            self._plane_moved = len(self.texts)
         if {*places} - {*AXES}:
             self.forget(AXES)
         return words
@@ -329,6 +333,15 @@ class Tnc:
                 line, before = f"{state} {text}", state
             texts.append(line)
         return texts
+
+    def tangent(self, what: str, text: str) -> None:
+        """Pass the moves before through that a tangential one goes on from: what stood between would be one of them."""
+        for number in range(self._plane_moved, len(self.texts)):
+            if self.texts[number].startswith(("G0 ", "G1 ", "G2 ", "G3 ")) and number not in self.remarks:
+                self.remarks[number] = Remark(what=f"move from which a tangential one goes on: {text}")
+                self.texts[number] = FORGOTTEN
+        self._plane_moved = len(self.texts)
+        raise NotFollowed(what, text)
 
     def corner(self, text: str) -> None:
         """Forget the end of the move before, which is rounded or chamfered."""

@@ -43,6 +43,7 @@ _QUIET: Final = re.compile(r"[NTDSHM]\d*|ACC\[.*\]")
 _CENTERS: Final = tuple(CENTERS.values())
 _TOOL_CHANGE: Final = 6
 _SPEEDS: Final = frozenset("ST")
+_TANGENTIAL: Final = "CT"
 _ROUNDINGS: Final = frozenset(("RND", "CHF", "CHR", "RNDM"))
 """Corners that are rounded or chamfered: behind the block, with RNDM behind all."""
 
@@ -77,7 +78,8 @@ class Translator:
 
     A line with something that is not understood is passed through and named, and the position is unknown
     behind it. `rows` are the words of all lines, `motions` the motion word in force behind each where RS274 has
-    another. With `computes` parameters are worked out, which holds where lines run in their order.
+    another; `moves` are lines that move, and `tangents` those of them from which a tangential one goes on, so that
+    nothing may be put between. With `computes` parameters are worked out, which holds where lines run in their order.
     """
 
     def __init__(self, *, computes: bool = True, forced: Mapping[int, str] = {}) -> None:
@@ -85,6 +87,8 @@ class Translator:
         self.modes = SiemensModes()
         self.rows = SiemensRows()
         self.motions: dict[int, str] = {}
+        self.moves: list[int] = []
+        self.tangents: set[int] = set()
         self._computes, self._forced = computes, forced
 
     def translate(self, number: int, text: str, base: int) -> str:
@@ -333,6 +337,9 @@ class _Line:
         cut, self.modes.cut = self.modes.cut, any(word.name in _ROUNDINGS for word in self.words)
         if self.modes.motion not in _KNOWN or self.modes.rounded or cut:
             self._refuse(first)
+        if self.modes.motion == _TANGENTIAL:
+            self.of.tangents.update(self.of.moves[-1:])
+        self.of.moves.append(self.number)
         start = dict(self.modes.at)
         self.parts = [one for one in self.parts if one not in ("G90", "G91")]
         self.parts.insert(0, "G90" if self.modes.absolute else "G91")
@@ -448,10 +455,11 @@ def read_siemens(data: bytes, name: str) -> PartProgram:
         table = translator.rows.table()
         program = read_translated(data, lines, name, texts, translator.extras.remarks, in_place=False, words=table)
         program, refused = with_extras(program, translator.extras)
-        if not refused:
+        tangents = dict.fromkeys(translator.tangents - {*forced}, "block before a tangential one")
+        if not (refused or tangents):
             centred = np.unique(np.array(translator.rows.centred, dtype=np.int32))
             return with_own_modes(replace(program, centred=sealed(centred)), translator.motions)
-        forced |= refused
+        forced |= refused | tangents
 
 
 def _translated(
