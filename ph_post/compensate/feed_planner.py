@@ -247,6 +247,9 @@ _MOST_POINTS = 200_000
 CALM = 2.0
 """Cells of the smoothed speed for which it is constant before and behind a profile."""
 
+PASSING = 2.0
+"""Cells of the smoothed speed for which it is low behind a turning point that is passed slower."""
+
 _HALVINGS = 8
 """Bisections of a profile's depth: to 1/256 of it."""
 
@@ -333,6 +336,15 @@ class FeedPlanner:
     def learn(self, other: FeedPlanner, power: float = 1.0) -> None:
         """Take over how much slower another planner of the same path had to be, or a power of it."""
         self.factor, self.ease = other.factor**power, other.ease**power
+
+    def pass_slower(self, s: Array, speed: Array) -> None:
+        """Keep to speeds (k,) [m/s] from some places (k,) [m] on, as long as a servo takes to answer."""
+        assert self.room is not None
+        slow = np.full(self.caps.s.size, np.inf)
+        for points, most in zip(self._points(s, s + PASSING * self.room.window.spacing * speed), speed, strict=True):
+            slow[points] = np.minimum(slow[points], most)
+        soft, hard = np.minimum(self.caps.soft, slow), np.minimum(self.caps.hard, slow)
+        self.caps = replace(self.caps, soft=soft, hard=hard)
 
     def settle(self, sites: tuple[Site, ...] = (), depth: Array | None = None) -> ValidMotion:
         """Plan a motion with a profile on every site, each `depth` (sites,) times as deep as requested.
@@ -434,20 +446,22 @@ class FeedPlanner:
         for slower, which in ((self.factor, steady), (self.ease, ~steady)):
             once = np.ones(self.caps.s.size)
             spans = broken.where(which)
-            for points, factor in zip(self._points(spans), spans.factor, strict=True):
+            for points, factor in zip(self._points(spans.s0, spans.s1), spans.factor, strict=True):
                 once[points] = np.minimum(once[points], max(beyond * factor, _LARGEST_STEP))
             np.multiply(slower, once, out=slower)
 
-    def _points(self, spans: ViolationSpans) -> list[slice]:
-        """Return the points of the caps that stretches lie between."""
+    def _points(self, s0: Array, s1: Array) -> list[slice]:
+        """Return the points of the caps that stretches [s0, s1] [m] lie between, arrays (k,)."""
         s = self.caps.s
-        first = np.maximum(np.searchsorted(s, spans.s0, side="right") - 1, 0)
-        last = np.minimum(np.searchsorted(s, spans.s1, side="left"), s.size - 1)
+        first = np.maximum(np.searchsorted(s, s0, side="right") - 1, 0)
+        last = np.minimum(np.searchsorted(s, s1, side="left"), s.size - 1)
         return [slice(min(i, j), max(i, j) + 1) for i, j in zip(first.tolist(), last.tolist(), strict=True)]
 
     def _eased_in_vain(self, broken: ViolationSpans) -> BoolArray:
         """Return on which stretches the speed changes as slowly as it may, which has not helped."""
-        return np.array([self.ease[points].max() < _LEAST_EASE for points in self._points(broken)], dtype=np.bool_)
+        return np.array(
+            [self.ease[points].max() < _LEAST_EASE for points in self._points(broken.s0, broken.s1)], dtype=np.bool_
+        )
 
     def _give_up(
         self, broken: ViolationSpans, sites: tuple[Site, ...], depth: Array, refused: dict[int, str], ease: Array
@@ -464,7 +478,7 @@ class FeedPlanner:
         beside = {int(np.argmin(np.where(depth > 0.0, one, np.inf))) for one in away} if np.any(depth) else set()
         for number in beside:
             depth[number], refused[number] = 0.0, "it leaves no room beside it for the inverse dynamics"
-        for points in self._points(broken):
+        for points in self._points(broken.s0, broken.s1):
             self.ease[points] = ease[points]
         return bool(beside)
 
@@ -520,7 +534,7 @@ class FeedPlanner:
 
     def _slow(self, broken: ViolationSpans, everything: bool) -> None:
         """Lower the caps on the stretches, and a little everywhere if nothing else helped."""
-        for points, factor in zip(self._points(broken), broken.factor, strict=True):
+        for points, factor in zip(self._points(broken.s0, broken.s1), broken.factor, strict=True):
             self.factor[points] *= max(_SLOWER * factor, _SLOWEST_STEP)
         if everything:
             self.factor *= _SLOWER * max(float(broken.factor.min(initial=1.0)), _SLOWEST_STEP)

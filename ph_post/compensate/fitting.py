@@ -89,7 +89,7 @@ class Fitter:
         track, looped = self.feed_planner.track, self.feed_planner.looped
         wanted = [k for k, request in enumerate(self.requests) if request.shape is not None]
         for k, request in enumerate(self.requests):
-            if request.shape is None and request.note:
+            if request.shape is None and request.note and request.slowed == 1.0:
                 self._say(k, f"left alone: {request.note}")
         rooms = half_distances([self.windows[k].s for k in wanted], track.length, looped)
         sites = []

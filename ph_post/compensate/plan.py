@@ -29,6 +29,7 @@ from ph_post.compensate.strategies.base import (
     ProfileRequest,
     StrategyResult,
     require_loop,
+    traits_of,
 )
 from ph_post.compensate.strategies.registry import find_strategy
 from ph_post.compensate.trial import flanks_before
@@ -95,7 +96,7 @@ def make_plan(analysis: Analysis, options: PlanOptions, progress: Progress = no_
     require_loop(strategy, analysis.path.axes, machine)
     planner = Planner(analysis, machine, options, progress)
     result = strategy.profiles(planner.task)
-    if result.rivals:
+    if traits_of(strategy).chooses:
         return with_lead_told(race(planner, strategy.name, result), analysis.track)
     plan = planner.plan(strategy.name, result)
     if result.proven:
@@ -233,14 +234,21 @@ class Planner:
             self._said = [plan_warnings.lead_time_warning(self._part, needed, slowdown)]
 
     def _baseline_for(self, requests: Sequence[ProfileRequest]) -> BaselinePlan:
-        """Return the baseline to build on, at rest where requests want the motion to stop."""
-        pairs = zip(self.analysis.windows, requests, strict=True)
+        """Return the baseline to build on, at rest where requests want the motion to stop, and slower where they do."""
+        pairs = list(zip(self.analysis.windows, requests, strict=True))
         length = self.analysis.track.length
         stops = np.array([window.s for window, request in pairs if request.stop and 0.0 < window.s < length])
-        if not stops.size:
+        slowed = [
+            (window.s, request.slowed * self.baseline.feed.at(window.s))
+            for window, request in pairs
+            if request.slowed < 1.0
+        ]
+        if not (stops.size or slowed):
             return self.baseline
         feed_planner = self._feed_planner(self._part, stops)
         feed_planner.learn(self.baseline.feed_planner)
+        if slowed:
+            feed_planner.pass_slower(*np.array(slowed).T)
         return self._on(feed_planner, feed_planner.settle())
 
     def _missed(self, requests: Sequence[ProfileRequest], profiles: Sequence[FeedProfile | None]) -> set[int]:
@@ -341,7 +349,8 @@ class Planner:
         lowered = plan_warnings.room_warnings if self._part else plan_warnings.lowered_feed_warnings
         return (
             *self.stops,
-            *plan_warnings.slow_feed_warnings(feed_planner.caps),
+            *plan_warnings.slow_feed_warnings(self.baseline.feed_planner.caps),
+            *plan_warnings.passing_warnings([request.slowed for request in result.requests]),
             *lowered(feed_planner.caps, fitted.valid.factor),
             *self._said,
             *result.warnings,

@@ -82,6 +82,21 @@ def room_warnings(caps: LimitCurve, factor: Array) -> list[str]:
     ]
 
 
+def passing_warnings(ratios: Sequence[float]) -> list[str]:
+    """Say with which parts of their feed turning points are passed.
+
+    Examples
+    --------
+    >>> passing_warnings([1.0, 0.8, 0.553])
+    ['2 turning points are passed with less feed for their error, down to 55 % of it']
+    """
+    slow = [one for one in ratios if one < 1.0]
+    if not slow:
+        return []
+    who = "one turning point is" if len(slow) == 1 else f"{len(slow)} turning points are"
+    return [f"{who} passed with less feed for their error, down to {100.0 * min(slow):.2g} % of it"]
+
+
 def lead_time_warning(part: float, time: float, slowdown: float) -> str:
     """Warn of inverse dynamics that is a part of what it should be, as all of it would add some time [s].
 

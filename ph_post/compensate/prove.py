@@ -179,7 +179,8 @@ def takes_too_long(plan: Plan, planner: Planner) -> bool:
 def without_design(request: ProfileRequest, machine: Machine) -> ProfileRequest:
     """Leave the feed alone; a lasting offset still has to be changed."""
     lasting = tuple(one for one in request.crossings if not machine.axes[one.axis].loop.encloses_backlash)
-    if request.shape is None and not (request.stop or request.friction) and lasting == request.crossings:
+    changed = request.stop or request.friction or request.slowed < 1.0
+    if request.shape is None and not changed and lasting == request.crossings:
         return request
     return ProfileRequest(shape=None, crossings=lasting, note=GIVEN_UP)
 

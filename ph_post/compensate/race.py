@@ -15,7 +15,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate import plan_warnings
-from ph_post.compensate.choose import smooth_offsets
+from ph_post.compensate.choose import SPARE, smooth_offsets
+from ph_post.compensate.feed_planner import PASSING
 from ph_post.compensate.lead import lead_window
 from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.offsets import command_of, plan_time
@@ -31,11 +32,12 @@ from ph_post.compensate.prove import (
     without_design,
 )
 from ph_post.compensate.sizes import Sizes
+from ph_post.compensate.slower import passing_ratios, spent
 from ph_post.compensate.standstill import added_standing
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult, require_loop, traits_of
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP, find_strategy, strategy_names
 from ph_post.compensate.violations import check_command
-from ph_post.errors import InputError, PhPostError, TooLargeError
+from ph_post.errors import InputError, PhPostError
 from ph_post.simulate.assess import is_nominal
 from ph_post.types import Array, Command, Plan, Scenario
 
@@ -83,6 +85,15 @@ GRAFTS: Final = 3
 
 LESS: Final = 0.5
 """Part of these places that are tried next where all of them take too long."""
+
+LEAST_UNIT: Final = 0.1
+"""Part of what passing turning points slower was reckoned to take, as which it counts at least."""
+
+SLOWER_TRIES: Final = 3
+"""Plans in which turning points are passed slower, as slow as the time allows."""
+
+NEARLY: Final = 0.8
+"""Part of the time left for it that is enough to be taken."""
 
 LEAST_GRAFT: Final = 0.05
 """Logarithm by which another plan must be better at a place."""
@@ -148,7 +159,10 @@ class _Race:
     def run(self) -> Plan:
         """Run the heats, prove the winner, and try in it what others do better."""
         runners = list(self._start(self.planner, self._entrants()))
-        before = without_strategy((runners or self.late or self.still)[0].plan)
+        planned = runners or self.late or self.still
+        if not planned:
+            return left_alone(self.name, self.result, self.planner, GIVEN_UP)
+        before = without_strategy(planned[0].plan)
         self.checker = checker = Checker(self.planner, before)
         self.known[_looks(checker.before)] = dict(zip(checker.scenarios, checker.sizes, strict=True))
         few = few_scenarios(checker.scenarios)
@@ -165,7 +179,7 @@ class _Race:
             words = self._words(None, few)
             plan = left_alone(self.name, self.result, self.planner, OUT_OF_TIME if words else GIVEN_UP)
             return replace(plan, warnings=(*plan.warnings, *words))
-        winner = self._grafted(winner, ranked, many)
+        winner = self._slower(self._grafted(winner, ranked, many), ranked, many)
         plan = winner.plan
         return replace(plan, warnings=tuple(dict.fromkeys((*plan.warnings, *self._words(winner, few)))))
 
@@ -217,21 +231,18 @@ class _Race:
             self.progress(f"racing plan {number + 1}")
             try:
                 plan, result = in_time(planner.plan(self.name, proposed), proposed, planner)
-                command = command_of(plan, planner.analysis.track, planner.machine.servo_period)
-            except TooLargeError:
-                raise
+                runner = self._runner(planner, result, plan)
             except PhPostError:
                 continue
             if proposed is self.result:
                 self.said = tuple(one for one in result.warnings if one not in proposed.warnings)
-            if self._is_known(command):
+            if self._is_known(runner.command):
                 continue
-            runner = self._runner(planner, result, plan, command)
             if takes_too_long(plan, planner):
                 self.late.append(runner)
             elif self._stands_too_long(runner):
                 self.still.append(runner)
-            elif proposed.proven or not check_command(command, planner.machine):
+            elif proposed.proven or not check_command(runner.command, planner.machine):
                 yield runner
 
     def _is_known(self, command: Command) -> bool:
@@ -241,9 +252,10 @@ class _Race:
         self.commands.add(looks)
         return known
 
-    def _runner(self, planner: Planner, result: StrategyResult, plan: Plan, command: Command) -> Runner:
-        standing = added_standing(plan, planner.analysis.track)
-        return Runner(planner=planner, result=result, plan=plan, command=command, standing=standing)
+    def _runner(self, planner: Planner, result: StrategyResult, plan: Plan) -> Runner:
+        track = planner.analysis.track
+        command = command_of(plan, track, planner.machine.servo_period)
+        return Runner(planner=planner, result=result, plan=plan, command=command, standing=added_standing(plan, track))
 
     def _stands_too_long(self, runner: Runner) -> bool:
         """Return whether the tool stands or creeps longer on the contour than it may."""
@@ -325,8 +337,7 @@ class _Race:
             return replace(runner, intact=True)
         if result is None:
             return None
-        command = command_of(plan, self.checker.track, self.checker.period)
-        return self._measured(self._runner(runner.planner, result, plan, command), tried)
+        return self._measured(self._runner(runner.planner, result, plan), tried)
 
     def _gains(self, runner: Runner, tried: Sequence[Scenario]) -> bool:
         """Return whether a plan has any less error than the plain one."""
@@ -366,7 +377,7 @@ class _Race:
             for number in wanted.tolist():
                 requests[number] = kin[which[number] - 1].result.requests[number]
             runner = self._replanned(winner, requests)
-            if takes_too_long(runner.plan, runner.planner) or self._stands_too_long(runner):
+            if runner is None or not self._may_run(runner):
                 wanted = wanted[: int(LESS * wanted.size)]
                 continue
             runner = self._measured(runner, tried)
@@ -380,11 +391,63 @@ class _Race:
         found = None if best is winner else self._proof(best, tried)
         return winner if found is None or not self._beats(found, winner, tried) else found
 
-    def _replanned(self, runner: Runner, requests: Sequence[ProfileRequest]) -> Runner:
-        """Plan the same with other requests, to be proven."""
+    def _slower(self, winner: Runner, ranked: Sequence[Runner], tried: Sequence[Scenario]) -> Runner:
+        """Try the winner, and the quickest plan of its kind, with less feed where the errors are largest."""
+        quickest = min((one for one in ranked if one.planner is winner.planner), key=lambda one: plan_time(one.plan))
+        for runner in (winner, *([] if quickest.result is winner.result else [quickest])):
+            found = self._slowed(self._measured(runner, tried), tried)
+            if found is not None and self._beats(found, winner, tried):
+                proven = self._proof(found, tried)
+                winner = proven if proven is not None and self._beats(proven, winner, tried) else winner
+        return winner
+
+    def _slowed(self, runner: Runner, tried: Sequence[Scenario]) -> Runner | None:
+        """Pass turning points slower in a plan, with the time that it leaves; None where that makes it no better."""
+        planner, requests = runner.planner, runner.result.requests
+        room, feed = planner.baseline.feed_planner.room, planner.baseline.feed
+        time = SPARE * (planner.longest - plan_time(runner.plan))
+        if room is None or not requests or time <= 0.0:
+            return None
+        self.progress("passing turning points slower")
+        error = self._places(runner, few_scenarios(tried)).max
+        usual = np.array([feed.at(window.s) for window in planner.analysis.windows])
+        pairs = zip(requests, runner.plan.profiles, strict=True)
+        free = np.array([not (one.stop or profile) for one, profile in pairs]) & (usual > 0.0)
+        slowest = np.minimum((planner.options.min_feed or 0.0) / np.where(free, usual, np.inf), 1.0)
+        least = max(ENOUGH * float(self._plain(tried)[:, 0].max()), FLOOR)
+        unit, best, before = PASSING * room.window.spacing, None, np.ones(error.size)
+        for _ in range(SLOWER_TRIES):
+            ratios = np.maximum(passing_ratios(error, free, time, unit, least), slowest)
+            if np.array_equal(ratios, before):
+                break
+            before = ratios
+            slower = [replace(one, slowed=ratio) for one, ratio in zip(requests, ratios.tolist(), strict=True)]
+            found = self._replanned(runner, slower)
+            if found is None:
+                break
+            taken = plan_time(found.plan) - plan_time(runner.plan)
+            unit *= max(taken / spent(ratios, unit), LEAST_UNIT)
+            if not self._may_run(found):
+                continue
+            found = self._measured(found, tried)
+            if not self._beats(found, best or runner, tried):
+                break
+            best = found
+            if taken >= NEARLY * time:
+                break
+        return best
+
+    def _replanned(self, runner: Runner, requests: Sequence[ProfileRequest]) -> Runner | None:
+        """Plan the same with other requests, to be proven; None where that cannot be planned."""
         result = replace(runner.result, requests=tuple(requests), proven=True, shorter=None, rivals=(), warnings=())
-        plan = runner.planner.plan(self.name, result)
-        return self._runner(runner.planner, result, plan, command_of(plan, self.checker.track, self.checker.period))
+        try:
+            return self._runner(runner.planner, result, runner.planner.plan(self.name, result))
+        except PhPostError:
+            return None
+
+    def _may_run(self, runner: Runner) -> bool:
+        """Return whether a plan takes no longer, and has the tool stand no longer, than it may."""
+        return not (takes_too_long(runner.plan, runner.planner) or self._stands_too_long(runner))
 
     def _beats(self, runner: Runner, other: Runner, tried: Sequence[Scenario]) -> bool:
         return self._best([other, runner], tried) == 1
@@ -427,10 +490,12 @@ class _Race:
         result = self.result.shorter(WHATEVER)
         if all(one == other for one, other in zip(result.requests, self.result.requests, strict=True)):
             return
-        plan = planner.plan(self.name, result)
-        if takes_too_long(plan, self.planner):
-            command = command_of(plan, self.checker.track, self.checker.period)
-            yield self._runner(planner, result, plan, command)
+        try:
+            runner = self._runner(planner, result, planner.plan(self.name, result))
+        except PhPostError:
+            return
+        if takes_too_long(runner.plan, self.planner):
+            yield runner
 
 
 def named_results(task: PlanningTask) -> Iterator[StrategyResult]:

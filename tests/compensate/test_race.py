@@ -7,15 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from long.claims import run_table
-from support.motions import look
+from support.motions import look, worst_use
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.plan import make_plan
-from ph_post.compensate.prove import Checker
+from ph_post.compensate.plan import Planner, make_plan
+from ph_post.compensate.prove import GIVEN_UP, Checker
 from ph_post.compensate.sizes import Sizes, sizes_of
+from ph_post.compensate.strategies.base import StrategyResult
 from ph_post.drive.machinefile import read_machine
+from ph_post.errors import TooLargeError
 from ph_post.files.path import read_path
 from ph_post.files.storage import or_shipped
 from ph_post.simulate.assess import for_each_scenario, scenarios
@@ -99,3 +101,31 @@ def test_no_command_is_measured_twice_on_a_machine(machine: str, monkeypatch: py
     monkeypatch.setattr(Checker, "measure", counted)
     planned(analysis_of("circle", machine), "auto", effort=0.01)
     assert len(seen) == len(set(seen)) > 50
+
+
+@pytest.mark.slow
+def test_turning_points_are_passed_slower_where_the_error_is_largest() -> None:
+    """The butterfly leaves no room for profiles; led alone the mill is within 31.2 µm, without 213."""
+    analysis = analysis_of("butterfly", "mill")
+    plan = planned(analysis, "auto", effort=0.001)
+    command = command_of(plan, analysis.track, plan.machine.servo_period)
+    assert run_table(command, plan.machine, analysis.track).max <= 21e-6
+    assert plan_time(plan) <= 1.1 * plan_time(planned(analysis, "none")) * (1.0 + 1e-4)
+    assert max(worst_use(command, plan.machine)) <= 1.0 + 1e-6
+    assert any("are passed with less feed for their error" in word for word in plan.warnings)
+
+
+@pytest.mark.parametrize("those", ["first", "all"])
+def test_what_is_too_long_to_be_sampled_is_no_rival(those: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan, tries = Planner.plan, []
+
+    def refusing(self: Planner, name: str, result: StrategyResult) -> Plan:
+        tries.append(result)
+        if all(one.note == GIVEN_UP for one in result.requests) or (those == "first" and len(tries) > 1):
+            return plan(self, name, result)
+        raise TooLargeError("path", "the motion is too long to be sampled", expected="less", got="more")
+
+    monkeypatch.setattr(Planner, "plan", refusing)
+    found = planned(analysis_of("circle", "stepper"), "auto", effort=0.001)
+    assert len(tries) > 3
+    assert bool(found.crossings) == (those == "first")

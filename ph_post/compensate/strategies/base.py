@@ -99,8 +99,9 @@ class ProfileRequest(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     direction in which friction is led, counted likewise; others are made as quickly as may be.
     `may_leave_window` lets it leave the window in which the osculating circle stands for the path. `note` says why
     the window is left alone, or whatever else the user should know. `stop` has the plain motion rest at the
-    turning point, for a crossing there. `strategy` names what was chosen where a
-    strategy chooses among others.
+    turning point, for a crossing there. `slowed` is the part of its feed with which the plain motion passes the turning
+    point, where there is neither profile nor stop. `strategy` names what was chosen where a strategy chooses among
+    others.
     """
 
     shape: ProfileShape | None
@@ -111,6 +112,7 @@ class ProfileRequest(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     crossings: tuple[Crossing | Jog, ...] = ()
     friction: tuple[FrictionChange, ...] = ()
     stop: bool = False
+    slowed: float = 1.0
     strategy: str = ""
     note: str = ""
 
