@@ -202,8 +202,9 @@ def why_not_editable(program: PartProgram) -> list[str]:
 
 
 def program_units(program: PartProgram) -> list[float]:
-    """Units [m] in which a program moves."""
-    used = np.unique(program.state[program.motions.block])
+    """Units [m] in which a program moves, axes beside X, Y and Z too."""
+    moving = np.append(program.motions.block, np.array([*further_lines(program)], dtype=np.int32))
+    used = np.unique(program.state[moving])
     return sorted({program.modal[number].units for number in used.tolist()})
 
 

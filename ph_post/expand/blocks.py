@@ -100,8 +100,9 @@ class BlockRunner:
         else:
             self._write(line, values, keep=keep)
             self._move(codes, motion, words)
-        if odd:  # nobody knows what a word does that only this machine has
+        if odd:  # nobody knows what a word does that only this machine has: it may run a program
             self.machine.forget()
+            self.store.forget()
         elif line.optional:
             self.machine.forget("".join(axis for axis in AXES if axis in words))
         return any(order in STOPS for order in orders)

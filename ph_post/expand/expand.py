@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -76,18 +77,19 @@ class Folders:
 
     def __init__(self, folders: tuple[Path, ...] = (), known: Mapping[str, bytes] | None = None) -> None:
         self._folders, self._known = folders, known
-        self.endings: tuple[str, ...] = (".ngc",)
         self.read: dict[str, bytes] = {}
         self._sources: dict[str, Source | None] = {}
 
-    def find(self, label: str) -> Source | None:
-        """Return the file of a subprogram, None where there is none."""
-        if label not in self._sources:
-            tried = (self._look(f"{label}{ending}") for ending in self.endings)
-            self._sources[label] = next((found for found in tried if found is not None), None)
-        return self._sources[label]
+    def find(self, label: str, endings: tuple[str, ...] = (".ngc",)) -> Source | None:
+        """Return the file of a subprogram, by the first of `endings` that finds one; None where there is none."""
+        return next((found for ending in endings if (found := self._look(f"{label}{ending}")) is not None), None)
 
     def _look(self, name: str) -> Source | None:
+        if name not in self._sources:
+            self._sources[name] = self._read(name)
+        return self._sources[name]
+
+    def _read(self, name: str) -> Source | None:
         data: bytes | None = None
         if self._known is not None:
             data = self._known.get(name)
@@ -171,8 +173,8 @@ def expand(
         heidenhain, lines = _run(lambda _: KlartextRunner(source))
         notes, changed = heidenhain.notes, heidenhain.changed
     elif fanuc is not None:
-        folders.endings = _FANUC_FILES
-        macro, lines = _run(lambda standing: FanucRunner(source, folders.find, fanuc, standing))
+        find = partial(folders.find, endings=_FANUC_FILES)
+        macro, lines = _run(lambda standing: FanucRunner(source, find, fanuc, standing))
         notes, changed = [*macro.blocks.notes], macro.blocks.changed
     else:
         runner, lines = _run(

@@ -140,7 +140,7 @@ class KlartextRunner:
         else:
             self._pass(index, block)
             if re.match(r"FN\s*\d+\s*:", words) is None:
-                self.store.forget_all()
+                self.store.forget()
                 self._lose()
                 self._cycle = None
         return ends
@@ -211,7 +211,7 @@ class KlartextRunner:
     def _set(self, index: int, block: KlartextBlock, given: re.Match[str]) -> None:
         key = parameter_of(given[1])
         if block.slash:
-            self.store.forget(key)
+            self.store.forget_one(key)
             self._keep(index, block)
             return
         value = self._value(given[2])
@@ -223,7 +223,7 @@ class KlartextRunner:
     def _pass(self, index: int, block: KlartextBlock) -> None:
         """Keep a line that is not followed, or that runs or not as a switch says; it may set what it names."""
         for found in _ASSIGNED.finditer(block.words):
-            self.store.forget(parameter_of(found[1]))
+            self.store.forget_one(parameter_of(found[1]))
         self._keep(index, block)
 
     def _lose(self) -> None:

@@ -114,14 +114,9 @@ class KlartextStore(Store):
         had, self.numbers[key] = self.numbers.get(key), value
         self.version += had != value
 
-    def forget(self, key: int) -> None:
+    def forget_one(self, key: int) -> None:
         """Know a parameter no longer."""
         self.put(key, UNKNOWN)
-
-    def forget_all(self) -> None:
-        """Know no parameter any longer."""
-        self.numbers.clear()
-        self.version += 1
 
 
 def _quotient(left: float, right: float) -> float:

@@ -47,6 +47,8 @@ _STILL: Final = re.compile(
     re.IGNORECASE,
 )
 """Words that stand alone, and are no subprograms."""
+SYNCHRONIZED: Final = re.compile(r"\s*(?:IDS?\s*=\s*\d+\s*)?(?:WHEN|WHENEVER|EVERY|FROM|DO)\b", re.IGNORECASE)
+"""A synchronized action: the control works it out while it moves, and it belongs to the next block."""
 _WORD: Final = re.compile(r"(?<![\w$])([A-QS-Z][A-Z]{0,4}\d?)\s*=\s*", re.IGNORECASE)
 _BLANKS: Final = re.compile(r"\s+")
 _SIGN_AHEAD: Final = re.compile(r"[-+*/<>=()]|(?:MOD|DIV|AND|OR|XOR|NOT)\b|B_", re.IGNORECASE)
@@ -234,7 +236,11 @@ class SinumerikRunner:
         if line.order == "odd":
             raise NotExpandableError(f"a part of the program's flow that is not followed: {line.rest.strip()[:40]}")
         ends = False
-        if line.order == "set":
+        if SYNCHRONIZED.match(line.rest):
+            self._seen.add(index)
+            self.lines.append(line.text)
+            self.store.numbers.clear()
+        elif line.order == "set":
             self._set(line)
             self._write(index)
         elif line.order:

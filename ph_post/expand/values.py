@@ -63,6 +63,7 @@ class Store:
         self.assumed: set[int] = set()
         self.version = 0
         self.doubt = ""
+        self._lost = False
 
     @property
     def frame(self) -> ParameterFrame:
@@ -85,7 +86,16 @@ class Store:
             self.doubt = f"#{key}, {what}" if what else self.doubt
         return found
 
+    def forget(self) -> None:
+        """Know no parameter any longer but those of the subprogram itself: words of a machine's own may set them."""
+        self.numbers, self._lost = {}, True
+        self.shared = dict.fromkeys(self.shared, UNKNOWN)
+        self.version += 1
+
     def _unset(self, key: int) -> float:
+        if self._lost and key > LOCAL:
+            self.doubt = f"#{key}"
+            return UNKNOWN
         if key <= USER:
             if not (key <= LOCAL and len(self.frames) > 1):
                 self.assumed.add(key)
@@ -124,8 +134,9 @@ class Store:
         found = self._space(name).get(name)
         if found is None:
             found = self._told(name)
-        if found is None:
+        if found is None and not (self._lost and name.startswith("_")):
             raise ExpandError("the parameter has no value yet", got=f"#<{name}>")
+        found = UNKNOWN if found is None else found
         if math.isnan(found):
             self.doubt = f"#<{name}>"
         return found

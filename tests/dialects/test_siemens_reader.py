@@ -247,6 +247,17 @@ def test_nothing_comes_between_a_tangential_block_and_the_one_before_it() -> Non
     assert program.motions.block.tolist() == [1, 2, 6, 7]
 
 
+@pytest.mark.parametrize(
+    "line", ["WHEN $AA_IM[X]>10 DO M8", "N7 IDS=1 WHENEVER $A_IN[1]==1 DO POS[Z]=5", "ID=1 DO $AC_OVR=50"]
+)
+def test_synchronized_actions_are_named_and_the_block_behind_stays_the_next_one(line: str) -> None:
+    modes = "G90 G71 G17 G40 G94 G64 G54 F100"
+    text = f"{modes}\nG1 X0 Y0\nX5\n{line}\n{modes} G1 X10 Y10\nG1 X40 Y10\nX50\nM30\n"
+    program = read_siemens(text.encode(), "a.mpf")
+    assert program.notes[0].what.startswith("synchronized action: ")
+    assert program.motions.block.tolist() == [1, 2, 5, 6]
+
+
 def test_a_rounded_corner_ends_the_motion_on_both_sides() -> None:
     """What is put between the two blocks of a corner would be its next block."""
     program = _read(BEGIN + "X10 RND=2\nY10\nX20\nRNDM=1\nX30\nY20\nRNDM=0\nX40\nM30\n")

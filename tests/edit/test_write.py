@@ -11,6 +11,7 @@ from support.part_programs import distances, samples
 
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import DipEdit, Edits, OffsetShift, StopEdit
+from ph_post.edit.preconditions import why_not_editable
 from ph_post.edit.undo import undo
 from ph_post.errors import InputError
 from ph_post.gcode.program import RAPID
@@ -308,6 +309,11 @@ def test_words_in_comments_and_deleted_blocks_stay() -> None:
     last = [line for line in lines(found)[:place] if "X" in line][-1]
     assert re.fullmatch(r"G1 X10 F\d+\.?\d*", last)
     assert lines(found)[place - 1] == "F600"
+
+
+def test_axes_beside_x_y_and_z_move_in_units_too() -> None:
+    program = read_program(b"G21 G90 F60\nG0 X0 U0\nG1 X5\nG20\nU1\nG21\nX1\nM2\n", "part.ngc")
+    assert why_not_editable(program) == ["it moves in mm and in inches"]
 
 
 def test_a_program_in_two_units_carries_no_offset() -> None:

@@ -206,3 +206,23 @@ def test_compensation_that_cannot_be_had_stays_and_is_named(text, why):
 
 def test_a_comment_with_an_empty_name_stays():
     assert lines_of("#1=2\n(debug, #<> and #1)\nM2\n")[0] == "(debug, #<> and 2.000000)"
+
+
+def test_words_of_a_machine_s_own_may_set_parameters():
+    """A remapped word runs a program of its own."""
+    lines = [b"#31=5", b"#<_far>=6", b"G88.5", b"G90 G1 X1 F100", b"M2", b""]
+    for computed in (b"X#31", b"X#<_far>", b"X#<_new>", b"X#4000"):
+        with pytest.raises(ExpandError, match="depends on what only the machine knows"):
+            expand(b"\n".join([*lines[:4], computed, *lines[4:]]), "a.ngc")
+    assert b"\nX5\n" in expand(b"\n".join([*lines[:2], b"X#31", *lines[4:]]), "a.ngc").data
+
+
+def test_folders_look_for_what_is_asked_whoever_asked_before(tmp_path):
+    (tmp_path / "5.nc").write_text("M99")
+    (tmp_path / "5.ngc").write_text("M2")
+    folders = Folders((tmp_path,))
+    for endings, name in (((".nc",), "5.nc"), ((".ngc",), "5.ngc"), ((".x", ".nc"), "5.nc")):
+        found = folders.find("5", endings)
+        assert found is not None
+        assert found.name == name
+    assert folders.find("5").name == "5.ngc"

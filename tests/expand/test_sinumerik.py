@@ -84,6 +84,13 @@ def test_parameters_that_a_line_does_not_set_stay_known(line) -> None:
     assert lines_of(f"R5=1\n{line}\nX=R5\nM30\n") == ["R5=1", *line.split("\n"), "X=1", "M30"]
 
 
+@pytest.mark.parametrize(
+    "line", ["IDS=1 WHENEVER R5==1 DO X=R5", "N7 WHEN TRUE DO $R5=2", "ID=1WHEN $A_IN[1]==1 DO M8", "DO Y=R5"]
+)
+def test_synchronized_actions_keep_every_character_and_may_set_parameters(line) -> None:
+    assert lines_of(f"R5=1\nX=R5\n{line}\nX=R5\nM30\n") == ["R5=1", "X=1", line, "X=R5", "M30"]
+
+
 class Writer:
     """Writes a random program, and runs it at the same time in Python."""
 

@@ -30,6 +30,7 @@ from ph_post.dialects.siemens.words import (
     read_words,
     without_comment,
 )
+from ph_post.expand.sinumerik import SYNCHRONIZED
 from ph_post.gcode.program import AXES, CENTERS, PartProgram, PlaceArray
 from ph_post.gcode.read import shortened
 from ph_post.gcode.words import lines_of
@@ -95,6 +96,12 @@ class Translator:
         """Return the RS274 line of a line, whose first byte is at `base`."""
         if text.lstrip().startswith("%"):
             return ""
+        bare = without_comment(text)
+        leading = _LEADING.match(bare)
+        if SYNCHRONIZED.match(bare, leading.end() if leading else 0):
+            # It belongs to the next block that moves, which has to stay the next one.
+            self.modes.cut = True
+            return self.passed(number, f"synchronized action: {bare.strip()}", 1, NOT_UNDERSTOOD)
         line, skip = self._words_of(text)
         if line is None:
             return self.passed(number, without_comment(text).strip(), 1, NOT_UNDERSTOOD)
