@@ -168,7 +168,8 @@ def tightened(options: EditOptions, finding: GuardFinding, allowed: float, count
 def otherwise(options: EditOptions, finding: GuardFinding, allowed: float, over: float) -> EditOptions:
     """Return the options for another plan beside a good one that was short of time.
 
-    It takes what is left of the time where that is much and was not too much, or else goes by what gains most.
+    It takes what is left of the time where that is much, or half of it where that was too much; where little is left it
+    goes by what gains most.
 
     Parameters
     ----------
@@ -183,7 +184,9 @@ def otherwise(options: EditOptions, finding: GuardFinding, allowed: float, over:
     less = options.max_slowdown
     more = finding.planned * min(allowed / max(finding.slowdown, 1e-9), MOST)
     more = max(more, less + 0.5 * (allowed - finding.slowdown))
-    if finding.slowdown < ENOUGH * allowed and less < more < over:
+    if more >= over:
+        more = 0.5 * (less + over)
+    if finding.slowdown < ENOUGH * allowed and less < more:
         return replace(options, max_slowdown=more)
     return replace(options, max_slowdown=allowed, largest_first=True)
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping, Sequence
+from itertools import chain, groupby
+from operator import itemgetter
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -13,23 +16,25 @@ from ph_post.edit.edits import EditOptions
 from ph_post.edit.reversal_search import ReversalSearch
 from ph_post.edit.reversals import MOTION
 from ph_post.gcode.program import AXES
-from ph_post.types import Array
+from ph_post.types import Array, IntArray
 from ph_post.units import MM
 
 SPARE: Final = 3e-3
 """Part of a program's time that does not count as slower."""
-
-LEAVING_ROUNDS: Final = 6
-"""Times that sections are chosen to be left alone before the dead band is raised."""
-
-TIGHTER: Final = 0.98
-"""Part of what should be enough that is allowed the next time."""
 
 TAKEN_BACK: Final = 6
 """Axes in sections, of those that were left, of which it is tried whether there is time for them after all."""
 
 _HALVINGS: Final = 6
 """Halvings of the range of the dead band, down to a sixtieth of it."""
+
+
+class AxisInSections(NamedTuple):
+    """An axis in some sections: the time that its crossings there cost [s], and what they gain [m² s]."""
+
+    sections: list[int]
+    cost: float
+    gain: float
 
 
 class AffordedChanges(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -65,22 +70,12 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
         cost = every if coarser == 1.0 else search.cost(found, coarser)
         if cost <= allowed:
             return AffordedChanges(changes=found, coarser=coarser, slowdown=cost / total, warnings=search.warnings)
-    budget = allowed
-    for number in range(LEAVING_ROUNDS):
-        if number:
-            search.take_again(search.for_now)
-        _leave_costly(search, options, budget, round_up(every / total))
-        # What is left may cost more once its neighbours are gone.
-        cost = search.cost(_search_raised(search, options, 1.0), COARSER[-1])
-        if cost <= allowed:
-            break
-        budget *= TIGHTER * allowed / cost
+    _leave_costly(search, options, allowed, round_up(every / total))
     _take_back(search, options, allowed)
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        kept = search.cost(_search_raised(search, options, middle), COARSER[-1]) <= allowed
-        low, high = (low, middle) if kept else (middle, high)
+        low, high = (low, middle) if _fits(search, options, allowed, middle) else (middle, high)
     found = _search_raised(search, options, high)
     widest = max(_bands(search, options, high).values())
     said = [
@@ -99,46 +94,103 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
 def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, need: float) -> None:
     """Leave sections alone, or axes in them, until the widest dead band keeps within the time allowed.
 
-    First go those that cost most for what they gain: the squares of the offsets for as long as they cut with them. What
-    is cheap may leave too little time for what gains most: that can be asked for first.
+    What is gained are the squares of the offsets for as long as an axis cuts with them. What is kept may cost more once
+    its neighbours are gone: of that goes then what gains least for its time.
     """
     found = _search_raised(search, options, 1.0)
     cost = _section_costs(search, found)
-    total = sum(float(one.sum()) for one in cost.values())
-    if total <= allowed:
-        return
     gain = {name: search.gain(name, rows) for name, rows in found.items()}
+    places = {
+        (name, own[0]): AxisInSections(own, float(cost[name][own].sum()), float(gain[name][own].sum()))
+        for name in cost
+        for own in _runs(np.flatnonzero(search.open[name]), gain[name])
+    }
+    if sum(place.cost for place in places.values()) <= allowed:
+        return
+    kept = worth_most(places, allowed, largest_first=options.largest_first)
+    order = sorted(places, key=lambda one: (one in kept, _worth([places[one]], options.largest_first), one))
 
-    left = {(name, n) for name in cost for n in np.flatnonzero(cost[name]).tolist()}
-    spent = 0.0
-    for units in (
-        [(set(cost), n) for n in range(search.low.size)],
-        [({name}, n) for n in range(search.low.size) for name in cost],
-    ):
+    def leave(count: int) -> None:
+        search.take_again(search.for_now)
+        price = dict.fromkeys(cost, 0.0)
+        for place in order[:count]:
+            price[place[0]] += places[place].cost
+        for place in reversed(order[:count]):
+            name = place[0]
+            why = f"its crossings would cost {price[name]:.2g} s; --max-slowdown {need:g} would allow them"
+            for n in places[place].sections:
+                search.give_up(name, n, why, for_now=True)
 
-        def worth(unit: tuple[set[str], int]) -> float:
-            names, n = unit
-            price = 1.0 if options.largest_first else sum(float(cost[name][n]) for name in names)
-            return sum(float(gain[name][n]) for name in names) / max(price, 1e-12)
+    low, high = len(places) - len(kept), len(places)
+    leave(low)
+    if _fits(search, options, allowed):
+        return
+    while high - low > 1:
+        middle = (low + high) // 2
+        leave(middle)
+        low, high = (low, middle) if _fits(search, options, allowed) else (middle, high)
+    leave(high)
 
-        for names, n in sorted(units, key=worth, reverse=True):
-            wanted = [(name, n) for name in sorted(names) if (name, n) in left]
-            price = sum(float(cost[name][n]) for name, _ in wanted)
-            if wanted and spent + price <= allowed:
-                spent += price
-                left.difference_update(wanted)
-    prices = {name: float(cost[name][[n for axis, n in left if axis == name]].sum()) for name in cost}
-    for name, n in sorted(left, key=lambda one: (-worth(({one[0]}, one[1])), *one)):
-        why = f"its crossings would cost {prices[name]:.2g} s; --max-slowdown {need:g} would allow them"
-        search.give_up(name, n, why, for_now=True)
+
+def _runs(sections: IntArray, gain: Array) -> list[list[int]]:
+    """Return the sections in runs: one that gains something, and those behind it that gain nothing.
+
+    Where an axis carries nothing it is no gain to leave it alone: it would be wound up once more behind that.
+    """
+    begins = np.flatnonzero(gain[sections] > 0.0)[1:]
+    return [run.tolist() for run in np.split(sections, begins) if run.size]
+
+
+def worth_most(
+    places: Mapping[tuple[str, int], AxisInSections], allowed: float, *, largest_first: bool = False
+) -> set[tuple[str, int]]:
+    """Return the axes in sections that gain most in the time allowed [s].
+
+    First come those that gain most for their time, or those that gain most where more is gained so, or where that is
+    asked for. One of two axes alone may gain nothing: those of a section come first together where as much is gained
+    so.
+
+    Examples
+    --------
+    >>> places = {("X", 0): AxisInSections([0], cost=0.1, gain=2.0), ("Y", 0): AxisInSections([0], cost=0.9, gain=9.0)}
+    >>> worth_most(places, 0.95)
+    {('Y', 0)}
+    """
+    single = [[place] for place in places]
+    whole = [list(own) for _, own in groupby(sorted(places, key=itemgetter(1, 0)), key=itemgetter(1))]
+
+    def taken(units: list[list[list[tuple[str, int]]]], largest: bool) -> set[tuple[str, int]]:
+        found: set[tuple[str, int]] = set()
+        spent = 0.0
+        ordered = (sorted(some, key=lambda one: -_worth([places[place] for place in one], largest)) for some in units)
+        for unit in chain.from_iterable(ordered):
+            cost = sum(places[place].cost for place in unit if place not in found)
+            if spent + cost <= allowed:
+                spent += cost
+                found.update(unit)
+        return found
+
+    orders = (True,) if largest_first else (False, True)
+    tried = [taken(units, largest) for units in ([whole, single], [single]) for largest in orders]
+    return max(tried, key=lambda found: sum(places[place].gain for place in found))
+
+
+def _worth(places: Sequence[AxisInSections], largest_first: bool) -> float:
+    """Return what ranks some axes in sections among others: their gain, for its time where the largest is not first."""
+    gain = sum(place.gain for place in places)
+    return gain if largest_first else gain / max(sum(place.cost for place in places), 1e-12)
 
 
 def _take_back(search: ReversalSearch, options: EditOptions, allowed: float) -> None:
     """Take again what costs no more than is left: axes that come to a place together wait there together."""
     for place in list(search.for_now[:TAKEN_BACK]):
         search.take_again([place])
-        if search.cost(_search_raised(search, options, 1.0), COARSER[-1]) > allowed:
+        if not _fits(search, options, allowed):
             search.give_up(*place, for_now=True)
+
+
+def _fits(search: ReversalSearch, options: EditOptions, allowed: float, raised: float = 1.0) -> bool:
+    return search.cost(_search_raised(search, options, raised), COARSER[-1]) <= allowed
 
 
 def _section_costs(search: ReversalSearch, found: dict[str, Array]) -> dict[str, Array]:

@@ -47,16 +47,21 @@ class CrossingCosts:
         places = spots.rows[spots.jog, MOTION] + spots.rows[spots.jog, SHARE]
         _, place, count = np.unique(places, return_inverse=True, return_counts=True)
         together[spots.jog] = count[place]
-        standing = self.of_stops(spots)
+        standing, motions = self.of_stops(spots), self._ground.program.motions
         for column in np.unique(spots.column).tolist():
             axis = self._ground.machine.axes[AXES[column]]
             jogs = (spots.column == column) & spots.jog
             ahead, behind, beyond = self.waits(spots.rows[jogs], spots.first[jogs], axis, coarser)
-            # Out there and back from it, in the air.
-            out = 2.0 * math.sqrt(self._ground.overshoot[axis.name] / axis.limits.acceleration)
+            # Out there and back from it, in the air; a rapid that moves the axis goes there itself.
+            motion, sign = spots.rows[jogs, MOTION].astype(np.int64), spots.rows[jogs, SIGN]
+            begin, end = (one[motion, column] for one in (motions.start, motions.end))
+            carried = (begin != end) & np.isfinite(end) & ((axis.name != "Z") | (sign < 0.0))
+            move = 2.0 * math.sqrt(self._ground.overshoot[axis.name] / axis.limits.acceleration)
+            ahead, behind = self._ground.planner.dwell(ahead), self._ground.planner.dwell(behind)
             # Axes that come to a place together wait together.
-            waits = (ahead + behind) / together[jogs]
-            cost[jogs] = np.where(beyond, out, standing[jogs]) + waits
+            alone = beyond & ~carried
+            moves = np.where(beyond, move * (1.0 + alone), standing[jogs])
+            cost[jogs] = moves + np.where(alone, ahead, ahead / together[jogs]) + behind / together[jogs]
         chords = spots.window[:, 2] > 0.0
         cost[chords] = self.of_chords(spots)[chords]
         return cost

@@ -15,7 +15,6 @@ from ph_post.edit.crossing_costs import CrossingCosts
 from ph_post.edit.crossing_ground import APPROACH, CrossingGround, Spots
 from ph_post.edit.crossing_spots import SpotSearch
 from ph_post.edit.crossings import (
-    SETTLING,
     SHORTEST,
     CrossingPlace,
     CrossingPlanner,
@@ -196,19 +195,20 @@ class CrossingSearch:
         behind_rapid = self.ground.behind_rapid(row)
         waits = self._costs.waits(row[None, :], spots.first[n : n + 1], axis, coarser)
         pause, arrives, far = (one.item() for one in waits)
-        velocity, beyond, ways = float(spots.feed[n]), 0.0, [travel]
+        velocity, beyond, ways, ahead = float(spots.feed[n]), 0.0, [travel], pause
         if far:
             velocity, beyond = 0.0, self.ground.overshoot[name]
             named = name in words_by_letter(self.ground.program, int(self.ground.program.motions.block[motion]))
             # A tool is never sent below the height that is programmed: from above onto a side, then through it.
             ways = [-beyond, lost] if name == "Z" and sign > 0.0 else [sign * beyond]
             if not named:
-                ways = [travel - sum(ways), *ways]
+                # The rapid does not go beyond: the first of these moves does.
+                ways, ahead = [travel - sum(ways), *ways], 0.0
         elif not behind_rapid and (sign == 0.0 or spots.before[n] == 0):
             # Behind the last cut the path rests anyway, and where no rapid led to the first place it has to once.
-            pause = arrives = max(pause, DWELL)
+            ahead = arrives = max(pause, DWELL)
         elif self.ground.beam.tends and self.ground.beam.works.stays[motion]:
-            pause, arrives = 0.0, arrives if behind_rapid else 0.0
+            ahead, arrives = 0.0, arrives if behind_rapid else 0.0
         longest = max(map(abs, ways))
         # No faster than it can be on its way: from rest to rest by half of it each.
         reached = math.sqrt(axis.limits.acceleration * min(map(abs, ways)))
@@ -221,7 +221,7 @@ class CrossingSearch:
                 axis=name,
                 travel=way,
                 velocity=min(velocity, math.inf if steady else reached, axis.limits.velocity),
-                pause=arrives if place + 1 == len(ways) else max(pause, SETTLING * response_time(axis.servo)),
+                pause=arrives if place + 1 == len(ways) else pause,
                 whole=sign != 0.0 and spots.before[n] != 0 and not behind_rapid,
             )
             for place, way in enumerate(ways)
@@ -231,7 +231,7 @@ class CrossingSearch:
         stop = StopEdit(
             motion=motion,
             share=share,
-            pause=pause,
+            pause=ahead,
             shifts=shifts,
             approach=approach,
             rapid=rapid,

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from itertools import combinations
 from pathlib import Path
 
+import numpy as np
 import pytest
+from msgspec import structs
 from support.editing import with_edits
 from support.random_cuts import random_cut
 
@@ -14,6 +17,7 @@ from ph_post.api.guard import GuardFinding, otherwise
 from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.dialects.reading import read_as
 from ph_post.dialects.registry import find_dialect
+from ph_post.edit.affordable import AxisInSections, worth_most
 from ph_post.edit.crossings import CrossingPlace, CrossingPlanner
 from ph_post.edit.edits import TOLERANCE, CrossingEdit, EditOptions, Edits
 from ph_post.edit.offset_edits import plan_offsets
@@ -116,6 +120,48 @@ def test_a_plan_that_took_less_than_reckoned_is_given_more() -> None:
     assert (more.max_slowdown, more.largest_first) == (pytest.approx(0.16), False)
 
 
-def test_what_was_too_much_is_not_tried_again() -> None:
+def test_what_was_too_much_is_halved() -> None:
     more = otherwise(EditOptions(max_slowdown=0.1), FOUND, 0.1, 0.15)
+    assert (more.max_slowdown, more.largest_first) == (pytest.approx(0.125), False)
+
+
+def test_where_little_is_left_what_gains_most_comes_first() -> None:
+    more = otherwise(EditOptions(max_slowdown=0.1), structs.replace(FOUND, slowdown=0.09), 0.1, math.inf)
     assert (more.max_slowdown, more.largest_first) == (0.1, True)
+
+
+def test_axes_in_sections_gain_at_least_half_of_what_the_best_choice_would() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        names = [(name, n) for n in range(3) for name in "XYZ"][: int(rng.integers(1, 9))]
+        places = {one: AxisInSections([], rng.uniform(0.0, 1.0), rng.uniform(0.0, 1.0) ** 3) for one in names}
+        allowed = rng.uniform(0.0, 2.0)
+        kept = worth_most(places, allowed)
+        assert sum(places[one].cost for one in kept) <= allowed
+        best = max(
+            sum(places[one].gain for one in some)
+            for count in range(len(names) + 1)
+            for some in combinations(names, count)
+            if sum(places[one].cost for one in some) <= allowed
+        )
+        assert sum(places[one].gain for one in kept) >= 0.5 * best
+
+
+def test_axes_of_a_section_come_together_where_one_of_each_would_gain_no_more() -> None:
+    places = {(name, n): AxisInSections([n], cost=1.0, gain=1.0) for n in range(2) for name in "XY"}
+    assert len({n for _, n in worth_most(places, 2.0)}) == 1
+
+
+@pytest.mark.parametrize(
+    ("number", "allowed", "left"),
+    [
+        pytest.param(113, 0.05, 0.7, id="what gains most keeps its place where cheap ones do not leave it the time"),
+        pytest.param(9, 0.05, 0.3, id="dwells of whole steps are reckoned with, and fewer are made"),
+        pytest.param(299, 0.1, 0.2, id="what was too much is tried with less"),
+    ],
+)
+def test_short_time_is_used(number: int, allowed: float, left: float, tmp_path: Path) -> None:
+    found = compensated(number, allowed, tmp_path)
+    assert found.before.error is not None
+    assert found.after.error is not None
+    assert found.after.error.rms < left * found.before.error.rms
