@@ -73,10 +73,13 @@ KINDS: dict[str, tuple[Callable[[], list[str]], float, float, float]] = {
     "circle": (circle, 0.1, 0.1, 0.012),
     "pocket": (pocket, 0.6, 0.1, 0.018),
     "curve": (curve, 0.0, 0.0, 0.029),
-    "drilling": (drilling, 0.0, 0.0, math.inf),
+    "drilling": (drilling, 0.0, 0.0, 0.034),
     "engraving": (engraving, 1.6, 0.7, 0.041),
 }
-"""The program; the largest and rms error [µm] and the additional time of the best other compensator, measured."""
+"""The program; the largest and rms error [µm] and the additional time of the best other compensator, measured.
+
+How long drilling takes it is not known: a move of the backlash, 2 √(g/a) = 20 ms, at each of 139 reversals is 3.4 %.
+"""
 
 
 def machine() -> Machine:
@@ -162,4 +165,4 @@ def test_it_is_as_exact_as_the_best_and_no_slower(kind: str, tmp_path: Path) -> 
     assert plain[0] > 24.0, said
     assert after[0] <= best + 1e3 * CHORDS, said
     assert after[1] <= best_rms + 1e3 * CHORDS, said
-    assert time <= before * (1.0 + longer) + 0.1, said
+    assert time <= before + max(longer * before, 0.1), said
