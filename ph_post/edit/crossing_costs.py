@@ -10,12 +10,10 @@ import numpy as np
 from ph_post.compensate.offsets import corner_pause
 from ph_post.drive.cascade import response_time
 from ph_post.edit.crossing_ground import LEAST_FEED, CrossingGround, Spots
-from ph_post.edit.crossing_shapes import (
-    RESIDUE,
-)
 from ph_post.edit.crossings import (
     SETTLING,
 )
+from ph_post.edit.lagging_crossings import RESIDUE
 from ph_post.edit.reversals import (
     BEYOND,
     MOTION,

@@ -16,7 +16,6 @@ from ph_post.drive.cascade import response_time
 from ph_post.edit.beams import BeamGuard
 from ph_post.edit.crossing_shapes import (
     AT_SPEED,
-    SHORT_LAG,
     TURNING,
     CrossingShape,
     crossing_shape,
@@ -25,6 +24,7 @@ from ph_post.edit.crossing_shapes import (
     shortest_time,
 )
 from ph_post.edit.edits import CrossingEdit
+from ph_post.edit.lagging_crossings import SHORT_LAG
 from ph_post.edit.preconditions import why_kept_whole
 from ph_post.edit.reversals import (
     MOTION,
@@ -213,11 +213,6 @@ class CrossingGround:
         minus, plus = self.sides[AXES[column]]
         return plus if sign > 0 else minus if sign < 0 else 0.0
 
-    def largest(self, column: IntArray, sign: Array) -> float:
-        """Return the largest offset [m] that any of some changes (n,) leads to."""
-        pairs = set(zip(column.tolist(), np.sign(sign).astype(np.int64).tolist(), strict=True))
-        return max((abs(self.offset(*pair)) for pair in pairs), default=0.0)
-
     def alone(self, motion: int, column: int, sign: float) -> bool:
         """Return whether an axis, from a motion on, first moves alone, before any cut, and by more than its backlash.
 
@@ -241,7 +236,7 @@ class CrossingGround:
 
     def turning_push(self, name: str) -> float:
         """Acceleration [m/s²] that an axis takes across the path in a crossing in steps; infinite elsewhere."""
-        stepped = name in self.shapes and self.shapes[name].steps > 1
+        stepped = name in self.shapes and self.shapes[name].steps > 1 and self.shapes[name].arcs is None
         return TURNING * self.machine.axes[name].limits.acceleration if stepped else math.inf
 
 

@@ -79,8 +79,7 @@ class CrossingSearch:
         """
         spots = self._spots.find(changes, coarser)
         ground = self.ground
-        most = ground.largest(spots.column, spots.rows[:, SIGN])
-        planner = CrossingPlanner(ground.program.motions, ground.along, ground.divisible, ground.least, most)
+        planner = CrossingPlanner(ground.program.motions, ground.along, ground.divisible, ground.least)
         current = np.zeros(3)
         crossings: list[CrossingEdit] = []
         stops: list[StopEdit] = []

@@ -10,18 +10,13 @@ behind the reversal. Where the part lies on the side of the centre, a crossing t
 (v T)²/8 R and is on the path at the reversal (outward): its tangents touch 2 h before and behind. Where it lies on the
 other side, the one-sided crossing leaves it proud. Where e is more than is allowed the path slows down to
 v_c = (4/T) √(R e), of which the others than the balanced one have the √2nd part. R is not needed here:
-how far the axis is from its turning point is read off the path.
-
-With the loop closed at the motor, the motor follows the command with the lag c. A command that crosses in t, goes
-beyond by the part k of the backlash and comes back in t has the motor arrive at 2 t exactly where b = 0 and
-k = 1/(exp(t/c) - 1); the table waits for 2 t in place of at most t + c ln(g/r), after which r of a plain crossing is
-left.
+how far the axis is from its turning point is read off the path. Behind a lag :mod:`ph_post.edit.lagging_crossings` says
+what T is.
 """
 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import Any, Final
 
 import msgspec
@@ -30,31 +25,19 @@ from msgspec.structs import replace
 
 from ph_post.compiling import compiled, inner
 from ph_post.dialects.planners import planner_of
-from ph_post.drive.cascade import response_time, way_of_motor
+from ph_post.drive.cascade import response_time
+from ph_post.edit.lagging_crossings import SHORT_LAG, CrossingArcs, fastest_arcs, out_and_back
 from ph_post.gcode.program import ARC, AXES, CUBIC, PartProgram, plane_columns
 from ph_post.simulate.controllers.junctions import junction_speed
 from ph_post.simulate.controllers.legs import ACROSS
 from ph_post.simulate.controllers.run import limit_table
-from ph_post.types import Array, Axis, ExactPath, Machine, Servo
+from ph_post.types import Array, Axis, ExactPath, Machine
 from ph_post.units import MM
 
 TIGHT: Final = 5.0 * MM
 """Below this radius of curvature [m] more error is allowed, up to :data:`TIGHTER` times, as the path slows down far."""
 
 TIGHTER: Final = 1.7
-
-BEYOND: Final = 0.4
-"""Part of the backlash by which a crossing goes beyond: with the feed held there the error is no larger than the plain
-program's."""
-
-SHORT_LAG: Final = 1e-3
-"""Lags below this [s] are those of a stepper."""
-
-TRIALS: Final = 60
-"""Durations of a crossing that are tried behind a lag."""
-
-RESIDUE: Final = 0.5e-3 * MM
-"""Rest of a crossing [m] at which it counts as done where the motor lags behind."""
 
 OUTER: Final = (2.0 + math.sqrt(2.0)) / 2.0
 """A balanced crossing begins and ends at this many times the half length of its chord."""
@@ -77,6 +60,9 @@ WAITING: Final = 2.4
 
 LEAST_PERIODS: Final = 2.0
 """Servo periods that a block of a crossing in steps takes at least at the mean speed of the crossing."""
+
+LONGER: Final = 1.1
+"""So many times as long as one out and back a crossing in arcs may be: its joints do not slow the path down."""
 
 LEAST_WAY: Final = 0.25
 LONGEST_WAY: Final = 400.0
@@ -269,7 +255,7 @@ class CrossingShape(msgspec.Struct, frozen=True, kw_only=True):
     the end of `wait`, so that the motor, which follows late, has arrived then. Where the controller rounds the joints,
     the motor's speed changes in `steps` joints to its largest, and in as many back, each over `ramp` [s], fewer where
     one of the blocks would last less than `least` [s], in `fewest` where the controller looks ahead through no more;
-    `push` [m/s²] is the acceleration of the axis then.
+    `push` [m/s²] is the acceleration of the axis then. Where the motor lags as well, it crosses in `arcs`.
     """
 
     first: float
@@ -280,6 +266,7 @@ class CrossingShape(msgspec.Struct, frozen=True, kw_only=True):
     least: float = 0.0
     fewest: int = 1
     push: float = 0.0
+    arcs: CrossingArcs | None = None
 
     def span(self, steps: int) -> float:
         """Time between the first and the last joint of a crossing in steps [s]."""
@@ -342,23 +329,8 @@ def crossing_shape(axis: Axis, first: float, rounding: float) -> CrossingShape:
     lag = response_time(axis.servo)
     if lag < SHORT_LAG:
         return CrossingShape(first=first, wait=first + rounding)
-    part, beyond = _behind_lag(axis.servo, axis.gap.lost_motion, first)
+    part, beyond = out_and_back(axis.servo, axis.gap.lost_motion, first)
     return CrossingShape(first=part, wait=2.0 * part + rounding, beyond=beyond)
-
-
-@lru_cache(maxsize=64)
-def _behind_lag(servo: Servo, lost: float, first: float) -> tuple[float, float]:
-    """Return how long the offset changes [s], and by which part it goes beyond; a program is planned several times."""
-    lag = response_time(servo)
-    for part in np.geomspace(max(first, 0.5 * lag), max(first, 0.5 * lag) + 8.0 * lag, TRIALS):
-        t = np.linspace(0.0, 2.0 * part + 6.0 * lag, 4 * TRIALS)
-        out, back = (way_of_motor(servo, np.clip((t - begin) / part, 0.0, 1.0), t[1]) for begin in (0.0, part))
-        behind = t >= 2.0 * part
-        rest, way = 1.0 - out[behind], (out - back)[behind]
-        beyond = float(np.clip((rest * way).sum() / max((way * way).sum(), 1e-30), 0.0, BEYOND))
-        if np.abs(rest - beyond * way).max() * lost <= RESIDUE and part >= (1.0 + 2.0 * beyond) * first:
-            break
-    return float(part), beyond
 
 
 def shortest_time(machine: Machine, axis: Axis, feed: float) -> tuple[float, float]:
@@ -402,7 +374,7 @@ def fastest_in_arcs(program: PartProgram, machine: Machine) -> Array:
 
 
 def shape_in_steps(shape: CrossingShape, axis: Axis, period: float, tolerance: float) -> CrossingShape:
-    """Return a crossing in :data:`STEPS` steps, where its blocks last long enough for two or more.
+    """Return a crossing in :data:`STEPS` steps where its blocks last long enough for two or more, behind a lag in arcs.
 
     Parameters
     ----------
@@ -415,8 +387,14 @@ def shape_in_steps(shape: CrossingShape, axis: Axis, period: float, tolerance: f
     """
     lost, push = axis.gap.lost_motion, axis.limits.acceleration
     ramp, least = math.sqrt(lost / (TURNING * push)), LEAST_PERIODS * period
+    if shape.beyond > 0.0:
+        arcs = fastest_arcs(axis.servo, lost, TURNING * push, LONGER * shape.wait, shape.beyond)
+        if arcs is None:
+            return shape
+        arcs = replace(arcs, ramp=math.sqrt(8.0 * tolerance * arcs.way / lost))
+        return replace(shape, wait=arcs.wait, beyond=arcs.beyond, steps=STEPS, least=least, arcs=arcs)
     steps = min(STEPS, int(ramp / least))
-    if steps < 2 or shape.beyond > 0.0 or shape.first > RAMPS * math.sqrt(lost / push):
+    if steps < 2 or shape.first > RAMPS * math.sqrt(lost / push):
         return shape
     wait = WAITING * math.sqrt(lost / push)
     fewest = min(max(math.ceil(math.sqrt(lost / (8.0 * tolerance))), 2), steps)

@@ -15,7 +15,6 @@ from ph_post.edit.crossing_shapes import (
     AT_SPEED,
     INWARD,
     OUTWARD,
-    SHORT_LAG,
     CrossingShape,
     find_windows,
     points_along,
@@ -32,6 +31,7 @@ from ph_post.edit.crossings import (
     SHORTEST,
     exaggeration,
 )
+from ph_post.edit.lagging_crossings import SHORT_LAG
 from ph_post.edit.reversals import (
     BEYOND,
     CARRIED,
@@ -212,7 +212,7 @@ class SpotSearch:
         # A beam is not slowed down: a coarser crossing has to do.
         lit = ground.beam.is_beam & ground.beam.works.on[motion]
         push = np.array([ground.turning_push(name) for name in AXES])[spots.column]
-        finest = np.where(np.isfinite(push), STEPS_ERROR, ERROR)
+        finest = np.where(np.array([one.steps > 1 for one in shapes])[spots.column], STEPS_ERROR, ERROR)
         error, most = self._allowed(spots, coarser, finest)
         which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, lag)
         for number, times in enumerate((0.0, *BEAM_COARSER)):
@@ -260,7 +260,7 @@ class SpotSearch:
         beyond = np.array([one.beyond for one in shapes])[column]
         farther = np.array([exaggeration(one, float(c)) for one, c in zip(shapes, ground.lag, strict=True)])[column]
         # A motor without lag, or one that is held there, would take the table so far off the path.
-        whole = ground.largest(column, spots.rows[:, SIGN])
+        whole = np.array([max(map(abs, ground.sides.get(name, (0.0,)))) for name in AXES])[column]
         most = np.minimum(np.minimum((MOST + beyond) * lost, whole) / farther, whole - beyond * lost)
         return error, np.maximum(most, finest)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ph_post.edit.crossing_shapes import BALANCED, OUTER, OUTWARD, CrossingShape, points_along, stair
 from ph_post.edit.edits import CrossingEdit, CrossingPart
+from ph_post.edit.lagging_crossings import CrossingArcs, bent_line, lead_time
 from ph_post.edit.reversals import motion_view
 from ph_post.gcode.program import AXES, LINE, Motions
 from ph_post.geometry.numeric import polyline_distances
@@ -38,7 +39,7 @@ HALF: Final = 0.5
 """One that leaves a larger part is not made: the plain program leaves as much."""
 
 NEARLY: Final = 0.98
-"""Part of the largest offset of a program that a crossing leaves at most: what is declared is rounded."""
+"""Part of the largest offset of its axis that a crossing leaves at most: what is declared is rounded."""
 
 SHORTEST: Final = 0.02 * MM
 """Blocks of crossings are no shorter [m]; one that would be is moved to the end of the motion beside it."""
@@ -64,9 +65,6 @@ KINK: Final = math.cos(math.radians(20.0))
 LEAD: Final = 0.5 * (OUTER - 1.0)
 """Straight blocks before and behind a crossing with lag last this part of it."""
 
-NEWTON: Final = 8
-"""Steps of Newton's method, which is monotonic here."""
-
 SETTLING: Final = 4.0
 """So many time constants c behind a corner the motor has arrived, within 2 % of its way."""
 
@@ -88,6 +86,9 @@ HELD: Final = 0.8
 BLOCKS: Final = 0.85
 """Part of the window that the blocks of a crossing in steps take at most."""
 
+FEWEST: Final = 3
+"""Joints that a line bent in arcs has at least: its way, its end, and what the lag leaves ask for as many."""
+
 LONE: Final = 0.75
 """Part of the wait that the motor's block lasts where there is room for no more than one."""
 
@@ -99,26 +100,6 @@ NOTHING: Final = 1e-12
 
 SAME_SHARE: Final = 1e-9
 """Shares of a motion that differ by no more are the same."""
-
-
-def lead_time(time: float, lag: float) -> float:
-    """Return how long a command follows its tangent until a motor with a lag is where one without is after `time` [s].
-
-    Of a way off that grows with the square of time, t², the motor has gone t² − 2 c t + 2 c² (1 − exp(−t/c)).
-
-    Examples
-    --------
-    >>> lead_time(0.024, 0.0), round(lead_time(0.024, 0.025), 4)
-    (0.024, 0.0394)
-    """
-    if lag == 0.0:
-        return time
-    longer = time + lag
-    for _ in range(NEWTON):
-        left = math.exp(-longer / lag)
-        gone = longer * longer - 2.0 * lag * longer + 2.0 * lag * lag * (1.0 - left)
-        longer -= (gone - time * time) / (2.0 * longer - 2.0 * lag * (1.0 - left))
-    return longer
 
 
 def exaggeration(shape: CrossingShape, lag: float) -> float:
@@ -134,10 +115,13 @@ def exaggeration(shape: CrossingShape, lag: float) -> float:
     return (1.0 + ahead / (LEAD * shape.wait)) ** 2
 
 
-def _stretch(begin: float, ends: Array, start: Array, points: Array) -> float:
-    """Return how much longer the motor's way is than the path's, where it is least on the parts of a block."""
-    ways = np.linalg.norm(np.diff(points, axis=0, prepend=start[None, :]), axis=1)
-    return 1.0 + CAUTIOUS * max(float((ways / np.diff(ends, prepend=begin)).min()) - 1.0, 0.0)
+def _stretch(places: Array, passed: Array, points: Array) -> float:
+    """Return how much longer the motor's way is than the path's, where it is least on the parts of a block.
+
+    The path's is what the motor or its table passes of it, the longer of both.
+    """
+    ways = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return 1.0 + CAUTIOUS * max(float((ways / np.maximum(np.diff(places), np.diff(passed))).min()) - 1.0, 0.0)
 
 
 class CrossingPlace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -189,13 +173,10 @@ class CrossingPlanner:
         Motions that may be divided: crossings lie on them alone.
     least : float
         Blocks last at least this long [s] at the feed of the path, where that does not cost too much.
-    most : float
-        Largest offset of the program [m]: no crossing leaves the path farther, as the check wants it.
     """
 
-    def __init__(self, motions: Motions, along: Array, divisible: BoolArray, least: float, most: float) -> None:
+    def __init__(self, motions: Motions, along: Array, divisible: BoolArray, least: float) -> None:
         self._motions, self._along, self._divisible, self._least = motions, along, divisible, least
-        self._most = NEARLY * most
         self._view = motion_view(motions)
 
     def plan(self, spot: CrossingPlace, window: Array) -> CrossingEdit | None:
@@ -228,7 +209,7 @@ class CrossingPlanner:
         if window[2] == 0.0:
             return None
         for steps in dict.fromkeys((most, 1)):
-            made = self._made(self._around(spot, window, steps), spot, least, max(least, outside))
+            made = self._made(self._around(spot, window, steps, least), spot, least, max(least, outside))
             if made is not None:
                 return made
         return None
@@ -239,21 +220,31 @@ class CrossingPlanner:
         if len(knots.crosses) > 1 and (np.diff(knots.s) / knots.speed[1:]).min() < HELD * spot.shape.least:
             return None
         points = points_along(self._view, self._along, np.array(knots.s)) + np.array(knots.added)
-        error = self._error(knots, points, spot)
+        error, places = self._followed(knots, points, spot)
         # What goes beyond shows to a motor without lag alone.
         own = spot.shape.beyond if not spot.calm else 0.0
-        gap = abs(float(spot.after[spot.column] - spot.before[spot.column]))
-        if error > min((HALF + own) * gap, self._most):
+        before, after = float(spot.before[spot.column]), float(spot.after[spot.column])
+        gap = abs(after - before)
+        # The check wants none farther from the path than an offset is.
+        if error > min((HALF + own) * gap, NEARLY * max(abs(before), abs(after))):
             return None
-        parts = self._parts(knots, points, coarse=error > FINE * ERROR)
+        parts = self._parts(knots, points, places, coarse=error > FINE * ERROR + own * gap)
         if not all(self._divisible[part.motion] for part in parts):
             return None
         return CrossingEdit(
             axis=AXES[spot.column], sign=spot.sign, parts=parts, length=knots.s[-1] - knots.s[0], error=error
         )
 
-    def _error(self, knots: _Knots, points: Array, spot: CrossingPlace) -> float:
-        """Return the largest distance [m] from the path of a table that waits while its motor is in the backlash."""
+    def _followed(self, knots: _Knots, points: Array, spot: CrossingPlace) -> tuple[float, Array]:
+        """Follow a table that waits while its motor is in the backlash.
+
+        Returns
+        -------
+        error : float
+            Its largest distance from the path [m].
+        places : Array, shape (2, n)
+            Places along the path of the motor, and where the table is nearest to it then [m].
+        """
         s = np.unique(np.concatenate([np.linspace(knots.s[0], knots.s[-1], SAMPLES), knots.s]))
         path = points_along(self._view, self._along, s)
         column = spot.column
@@ -276,8 +267,11 @@ class CrossingPlanner:
         off = table - path
         across = off - (off * tangent).sum(axis=1)[:, None] * tangent
         error = float(np.linalg.norm(across, axis=1).max())
+        # Towards the centre of curvature a place is shorter than the path.
+        ahead = (off * tangent).sum(axis=1) / (1.0 - (off * np.gradient(tangent, s, axis=0)).sum(axis=1))
         # Beside a joint the nearest place of the path is no longer across from it.
-        return error if error <= ERROR else min(error, float(polyline_distances(table, path).max()))
+        error = error if error <= ERROR else min(error, float(polyline_distances(table, path).max()))
+        return error, np.stack([s, s + ahead])
 
     def _in_rest(self, spot: CrossingPlace) -> _Knots | None:
         """Cross while the axis rests anyway: on a straight stretch of the rest, and no slower."""
@@ -310,7 +304,7 @@ class CrossingPlanner:
             k += 1
         return 0.0, 0.0
 
-    def _around(self, spot: CrossingPlace, window: Array, steps: int) -> _Knots:
+    def _around(self, spot: CrossingPlace, window: Array, steps: int, least: float) -> _Knots | None:
         """Cross while the path is near the turning point, slower where need be."""
         begin, finish, speed, error, kind = window.tolist()
         if spot.shape.beyond > 0.0:
@@ -322,6 +316,15 @@ class CrossingPlanner:
             bulge = np.zeros(3)
             bulge[spot.column] = -spot.sign * (2.0 if kind == BALANCED else 1.0) * error * (2.0 * LEAD) ** 2
             longer = lead_time(lead / speed, spot.lag) * speed / lead
+            if spot.shape.arcs is not None and steps > 1:
+                last = first + spot.shape.wait * speed
+                tangents = _Knots(
+                    s=[first - longer * lead, first, last, last + lead],
+                    added=[spot.before, spot.before + longer**2 * bulge, spot.after + bulge, spot.after],
+                    line=[False, True, True, True],
+                    speed=[spot.feed, speed, speed, spot.feed],
+                )
+                return self._in_arcs(tangents, spot, spot.shape.arcs, least)
             return _Knots(
                 s=[
                     first - longer * lead,
@@ -363,6 +366,30 @@ class CrossingPlanner:
                 speed=[spot.feed, spot.feed, speed, spot.feed],
             )
         return self._in_steps(knots, spot, steps)
+
+    def _in_arcs(self, knots: _Knots, spot: CrossingPlace, arcs: CrossingArcs, least: float) -> _Knots | None:
+        """Put a line that is bent in arcs between two tangents, its joints where motions may be divided if they may."""
+        column, speed, s = spot.column, knots.speed[1], np.array(knots.s)
+        between = max(spot.shape.least, SHORTEST / speed)
+        places: list[float] = []
+        for place in (s[1] + speed * arcs.joints(between)[0]).tolist():
+            low, high = (self._snapped(place, down, least) for down in (True, False))
+            near = low if place - low < high - place else high
+            if near - (places[-1] if places else knots.s[0]) >= HELD * between * speed:
+                places.append(near)
+        if len(places) < FEWEST:
+            return None
+        motor = points_along(self._view, self._along, s)[:, column] + np.array(knots.added)[:, column]
+        line = bent_line(arcs, s, motor, spot.lag, np.array(places), between)
+        line -= points_along(self._view, self._along, np.array(places))[:, column]
+        added = [np.where(np.arange(len(AXES)) == column, x, spot.before) for x in line.tolist()]
+        return _Knots(
+            s=[knots.s[0], *places, knots.s[-1]],
+            added=[knots.added[0], *added, knots.added[-1]],
+            line=[False, *[True] * (len(places) + 1)],
+            speed=[spot.feed, *[speed] * len(places), spot.feed],
+            crosses=range(2, len(places) + 1),
+        )
 
     def _in_steps(self, knots: _Knots, spot: CrossingPlace, steps: int) -> _Knots:
         """Put a broken line, as of :func:`stair`, in place of the block in the middle of a crossing."""
@@ -430,7 +457,7 @@ class CrossingPlanner:
         inside = knots.s[0] > spot.bound[0] - outside and knots.s[-1] < spot.bound[1] + outside
         return inside and bool(np.all(np.diff(knots.s) > 0.5 * SHORTEST))
 
-    def _parts(self, knots: _Knots, points: Array, *, coarse: bool) -> tuple[CrossingPart, ...]:
+    def _parts(self, knots: _Knots, points: Array, places: Array, *, coarse: bool) -> tuple[CrossingPart, ...]:
         """Cut a crossing at the ends of motions; their ends are shifted onto its blocks.
 
         For which part of the path a block of a `coarse` one stands is not known so exactly: its feed is not raised.
@@ -447,7 +474,10 @@ class CrossingPlanner:
             else:
                 added = np.tile(knots.added[n], (ends.size, 1))
             raised = n in knots.crosses and not coarse
-            stretched = _stretch(s[n - 1], ends, points[n - 1], path + added) if raised else 1.0
+            stretched = 1.0
+            if raised:
+                own = np.append(s[n - 1], ends)
+                stretched = _stretch(own, np.interp(own, *places), np.concatenate([points[n - 1 : n], path + added]))
             low = s[n - 1]
             for end, extra in zip(ends.tolist(), added, strict=True):
                 parts.append(self._part(low, end, extra, knots.speed[n], stretched, line=knots.line[n]))

@@ -15,6 +15,7 @@ from ph_post.dialects.base import Dialect
 from ph_post.edit.affordable import affordable_reversals
 from ph_post.edit.beams import BeamGuard, run_beside
 from ph_post.edit.chord_joints import chord_joints
+from ph_post.edit.corner_joints import corner_joints
 from ph_post.edit.edits import EditOptions, Edits, join_stops
 from ph_post.edit.preconditions import (
     blocked_chains,
@@ -101,7 +102,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         one_sided={name: 1 if sides[name][0] == 0.0 else -1 for name in used if 0.0 in sides[name]},
         pulse=pulse,
         kept=search.crossings.ground.kept(crossings),
-        joints=chord_joints(program.motions, machine, crossings),
+        joints=chord_joints(program.motions, machine, crossings) | corner_joints(search.crossings.ground, crossings),
         slowdown=afforded.slowdown,
         short=afforded.short,
     )

@@ -30,10 +30,14 @@ WIDE = (Cut("circle", 3000, False, 100), Cut("circle", 600, True, 5), Cut("splin
 # The whole circle is slower than its parts would be, which shows where motors lag.
 FAST = (Cut("circle", 3000, True, 5), Cut("circle", 600, False, 20))
 
+# Joints of a crossing that LinuxCNC slows down at show in these most.
+LAGGING = (Cut("circle", 600, True, 5), Cut("circle", 1200, False, 20), Cut("ellipse", 1200, True))
+
 JOBS = [
     (SMALL, Setting(0.05, 500.0)),
     (WIDE, Setting(0.1, 2000.0)),
     (SMALL[:1], Setting(0.05, 500.0, 0.010)),
+    (LAGGING, Setting(0.1, 2000.0, 0.010)),
     (SMALL[:1], Setting(0.05, 500.0, 0.025)),
     (FAST, Setting(0.05, 500.0, 0.025)),
 ]
@@ -53,7 +57,9 @@ def measured(cuts: tuple[Cut, ...], setting: Setting, how: str, lost: float) -> 
     return measure(run(cuts, commanded, how), cuts, lost, setting.lag)
 
 
-@pytest.mark.parametrize(("cuts", "setting"), JOBS, ids=["small", "wide", "lag of 10 ms", "lag of 25 ms", "fast"])
+@pytest.mark.parametrize(
+    ("cuts", "setting"), JOBS, ids=["small", "wide", "lag of 10 ms", "lag and 0.1 mm", "lag of 25 ms", "fast"]
+)
 def test_a_crossing_costs_a_micrometre_or_two(cuts: tuple[Cut, ...], setting: Setting) -> None:
     own = measured(cuts, setting, "plain", 0.0)
     plain = measured(cuts, setting, "plain", setting.lost)

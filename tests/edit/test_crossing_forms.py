@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from scipy.integrate import solve_ivp
-from scipy.optimize import minimize_scalar
+from scipy.optimize import linprog, minimize_scalar
 from support.reference_player import play
 
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.crossing_shapes import OUTER, RESIDUE, CrossingShape, crossing_shape, stair
-from ph_post.edit.crossings import exaggeration, lead_time
-from ph_post.types import Axis
+from ph_post.edit.crossing_shapes import OUTER, CrossingShape, crossing_shape, stair
+from ph_post.edit.crossings import exaggeration
+from ph_post.edit.lagging_crossings import BEYOND, RESIDUE, CrossingArcs, bent_line, fastest_arcs, lead_time
+from ph_post.types import Axis, Servo
 
 GAP = 0.05
 """Backlash [mm]."""
@@ -175,6 +176,92 @@ def test_the_shape_that_is_chosen_brings_the_motor_there(lag: float, first: floa
     assert np.abs(after - 1.0).max() * 5e-5 <= 1.05 * RESIDUE
     if b == 0.0 and shape.beyond < 0.39:
         assert shape.beyond == pytest.approx(1.0 / math.expm1(shape.first / lag), rel=1e-3)
+
+
+def behind_arcs(servo: Servo, arcs: CrossingArcs, until: float) -> tuple[np.ndarray, np.ndarray]:
+    """Command and the motor [parts of the backlash] behind b x'' + c x' + x = u, which is integrated arc by arc."""
+    push = 1.0 / arcs.way
+    lag, state, found = servo.c, np.zeros(4), []
+    ends = np.cumsum([0.0, arcs.rise, arcs.fall, arcs.last, until])
+    for sign, start, end in zip((1.0, -1.0, 1.0, 0.0), ends, ends[1:], strict=False):
+
+        def slope(_: float, x: np.ndarray, sign: float = sign) -> list[float]:
+            missing = x[0] - x[2]
+            motor = [missing / lag, 0.0] if servo.b == 0.0 else [x[3], (missing - lag * x[3]) / servo.b]
+            return [x[1], sign * push, *motor]
+
+        part = solve_ivp(slope, (start, end), state, rtol=1e-10, atol=1e-13, t_eval=np.linspace(start, end, 200))
+        state = part.y[:, -1]
+        found.append(part.y[[0, 2]])
+    return np.concatenate([one[0] for one in found]), found[-1][1]
+
+
+@pytest.mark.parametrize("lag", [0.01, 0.025])
+@pytest.mark.parametrize("share", [0.0, 0.25])
+@pytest.mark.parametrize("most", [BEYOND, 0.2])
+def test_arcs_of_one_acceleration_bring_a_lagging_motor_there(lag: float, share: float, most: float) -> None:
+    servo, lost, push = lagging_axis(lag, share * lag**2).servo, 5e-5, 0.375
+    arcs = fastest_arcs(servo, lost, push, 0.2, most)
+    assert arcs is not None
+    command, motor = behind_arcs(servo, arcs, 5.0 * lag)
+    assert np.abs(motor - 1.0).max() * lost <= 1.05 * RESIDUE
+    assert command.max() - 1.0 == pytest.approx(arcs.beyond, abs=1e-4)
+    assert arcs.beyond <= most * (1.0 + 1e-9)
+    assert lost / arcs.way <= push * (1.0 + 1e-9)
+    if share == 0.0:
+        assert lost / arcs.way == pytest.approx(push, rel=0.05) or arcs.beyond == pytest.approx(most, rel=0.05)
+
+
+def arrives(time: float, lag: float, lost: float, push: float) -> bool:
+    """Whether any command from rest to rest with an acceleration up to `push` has the motor arrive in `time`."""
+    ends = np.linspace(0.0, time, 121)
+
+    def all_of(response: np.ndarray) -> np.ndarray:
+        return response[:-1] - response[1:]
+
+    left = time - ends
+    # Of the speed, the way and the motor's way at the end, what each piece of constant acceleration gives.
+    rows = [
+        all_of(left),
+        all_of(0.5 * left**2),
+        all_of(0.5 * left**2 - lag * left - lag**2 * np.exp(-left / lag)),
+    ]
+    scale = np.array([push * time, lost, lost])[:, None]
+    wanted = np.array([0.0, 1.0, 1.0])
+    found = linprog(np.zeros(120), A_eq=push * np.array(rows) / scale, b_eq=wanted, bounds=(-1.0, 1.0))
+    return bool(found.status == 0)
+
+
+@pytest.mark.parametrize(("lag", "lost", "push"), [(0.01, 1e-4, 0.375), (0.025, 1e-4, 0.375), (0.01, 5e-5, 1.5)])
+def test_no_other_command_of_that_acceleration_has_the_motor_there_sooner(lag: float, lost: float, push: float) -> None:
+    arcs = fastest_arcs(lagging_axis(lag, 0.0).servo, lost, push, 0.2, 10.0)
+    assert arcs is not None
+    assert arrives(1.01 * arcs.wait, lag, lost, push)
+    assert not arrives(0.97 * arcs.wait, lag, lost, push)
+
+
+@pytest.mark.parametrize("moved", [0.0, 0.2, 0.45])
+def test_a_line_bent_beside_its_arcs_has_the_motor_there_all_the_same(moved: float) -> None:
+    lag, lost, speed = 0.025, 1e-4, 0.01
+    arcs = fastest_arcs(lagging_axis(lag, 0.0).servo, lost, 0.375, 0.2, BEYOND)
+    assert arcs is not None
+    arcs = replace(arcs, ramp=0.007)
+    times = arcs.joints(0.002)[0]
+    rng = np.random.default_rng(15)
+    times = times + moved * np.diff(times).min() * rng.uniform(-1.0, 1.0, times.size)
+    s = np.array([-0.02, 0.0, arcs.wait, arcs.wait + 0.02]) * speed
+    # Tangents of a curved path, which the lag leaves by as much in the end as on the path itself.
+    motor = np.array([-6e-7, 0.0, lost, lost - 6e-7])
+    line = bent_line(arcs, s, motor, lag, times * speed, 0.002)
+    places = np.concatenate([s[:1] / speed, times, s[3:] / speed])
+    slopes = np.diff(np.concatenate([motor[:1], line, motor[3:]])) / np.diff(places)
+    assert line[0] == pytest.approx(motor[0] + (motor[1] - motor[0]) * (times[0] + 0.02) / 0.02, abs=1e-12)
+    assert slopes[-1] == pytest.approx((motor[3] - motor[2]) / 0.02, rel=1e-6)
+    changes = np.diff(slopes)
+    left = arcs.wait - times
+    # Of each change c (1 − exp(−t/c)) is still to come.
+    missing = lag * (changes * np.exp(-left / lag)).sum()
+    assert abs(missing) < 1.2 * RESIDUE
 
 
 def test_a_stepper_goes_straight_across() -> None:

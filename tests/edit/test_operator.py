@@ -130,8 +130,8 @@ def errors(text: str, case: Case, override: float, stops: str) -> tuple[float, f
 
 STATED = {
     0.0: ((1.2, 1.2, 1.2, 1.2), (1.2, 1.2)),
-    0.010: ((5, 2, 3, 4), (9, 6)),
-    0.025: ((8, 5, 11, 16), (21, 12)),
+    0.010: ((5, 3, 5, 6), (8, 7)),
+    0.025: ((10, 6, 12, 18), (22, 20)),
 }
 """By lag [s]: what backlash adds at each override, and the error block by block and with feed hold up to 100 % [µm].
 
