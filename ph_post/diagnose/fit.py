@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from ph_post.diagnose.hypotheses.base import Hypothesis, HypothesisNumber, Numbers
 from ph_post.drive.plant import Plant, base_value, with_base_value
 from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, FITTED
-from ph_post.identify.errors import block_covariance, blocks_of, samples_as_one
+from ph_post.identify.errors import fit_covariance
 from ph_post.identify.free_run import (
     PRIOR,
     AxisProblem,
@@ -290,12 +290,5 @@ def fit_briefly(
 
 def covariance(problem: AxisProblem, fitted: FittedModel, use: BoolArray) -> Array:
     """Return the covariance of the unknowns (k, k), of residuals that go together within blocks of time."""
-    left = weighted_residuals(problem, fitted.left, weights_of(problem, fitted.left, use), use)
     priors = fitted.jacobian.shape[0] - len(fitted.model.free)
-    return block_covariance(
-        fitted.jacobian[:priors],
-        left,
-        blocks_of(problem, use),
-        fitted.jacobian[priors:],
-        samples_as_one(problem, fitted.left, use),
-    )
+    return fit_covariance(problem, fitted.left, fitted.jacobian[:priors], fitted.jacobian[priors:], use)

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
 
 from ph_post.diagnose.consistency import MOST, regimes
-from ph_post.identify.errors import BLOCKS, block_covariance
+from ph_post.identify.errors import BLOCKS, block_covariance, rounding_of
 from ph_post.identify.free_run import AxisProblem
 from ph_post.types import Array, BoolArray
 
@@ -84,7 +84,9 @@ def gap_between(problem: AxisProblem) -> SidesGap | None:
     size = max(float(np.sqrt(after)), 1e-12)
     jacobian = np.column_stack([slope, basis * np.sqrt(rest.size)]) / size
     number = np.arange(rest.size) * BLOCKS // rest.size
-    error = float(np.sqrt(block_covariance(jacobian, rest / size, number)[0, 0]))
+    rounded = [rounding_of(one, problem.speed, use) for one in (table, motor)]
+    rounded = [one._replace(size=one.size / size) for one in rounded]
+    error = float(np.sqrt(block_covariance(jacobian, rest / size, number, rounded=rounded)[0, 0]))
     return SidesGap(width=width, error=error, before=float(np.sqrt(before)), after=float(np.sqrt(after)))
 
 

@@ -33,7 +33,7 @@ from ph_post.identify.drive_fit import (
     why_backlash_hidden,
     with_all_samples,
 )
-from ph_post.identify.errors import block_covariance, blocks_of, samples_as_one
+from ph_post.identify.errors import fit_covariance
 from ph_post.identify.estimates import LEAST_UNCERTAINTY, between_samples, sensitivity_of
 from ph_post.identify.free_run import AxisProblem, residuals, weighted_residuals, weights_of
 from ph_post.types import Array, Axis, AxisLog, Cascade, Servo
@@ -293,9 +293,7 @@ def _errors(best: DriveFit) -> dict[str, float]:
     loose = tangent(problem, best.plant, (*names, *unseen))
     left = weighted_residuals(problem, loose.left, weights_of(problem, loose.left, problem.fit), problem.fit)
     rows = np.eye(len(loose.names))[len(names) :] / np.array(list(unseen.values()))[:, None]
-    spread = block_covariance(
-        loose.jacobian, left, blocks_of(problem, problem.fit), rows, samples_as_one(problem, loose.left, problem.fit)
-    )
+    spread = fit_covariance(problem, loose.left, loose.jacobian, rows, problem.fit)
     both = np.vstack([loose.jacobian, rows])
     moved = np.linalg.lstsq(both, np.concatenate([left, np.zeros(len(unseen))]), rcond=None)[0]
     between = between_samples(best, names)

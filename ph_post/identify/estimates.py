@@ -22,7 +22,7 @@ from ph_post.files.check import counted
 from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, with_cascade_values
 from ph_post.identify.direct_readings import CoastDown, effort_gain, pooled_rate
 from ph_post.identify.drive_fit import BacklashVerdict, DriveFit, position_rms
-from ph_post.identify.errors import block_covariance, blocks_of, samples_as_one
+from ph_post.identify.errors import fit_covariance
 from ph_post.identify.free_run import AxisProblem, residuals, weighted_residuals, weights_of
 from ph_post.types import Array, Axis, AxisLog, Uncertainty
 from ph_post.types.diagnosis import PRODUCT, Estimate, IdentifiedDrive, Origin, Sensitivity
@@ -115,14 +115,8 @@ def log_covariance_with_priors(fit: DriveFit, priors: Mapping[str, float]) -> Ar
     problem = fit.problem
     each = np.eye(len(fit.names))
     rows = [each[fit.names.index(name)] / error for name, error in priors.items()]
-    left = weighted_residuals(problem, fit.left, weights_of(problem, fit.left, problem.fit), problem.fit)
-    return block_covariance(
-        _sensitivities(fit),
-        left,
-        blocks_of(problem, problem.fit),
-        np.stack(rows) if rows else None,
-        samples_as_one(problem, fit.left, problem.fit),
-    )
+    prior = np.stack(rows) if rows else np.zeros((0, len(fit.names)))
+    return fit_covariance(problem, fit.left, _sensitivities(fit), prior, problem.fit)
 
 
 def sensitivity_of(fit: DriveFit) -> Sensitivity:

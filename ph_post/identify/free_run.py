@@ -41,12 +41,14 @@ class ObservedChannel(NamedTuple):
     """One recorded channel.
 
     `values` (n,), `ok` (n,) where it was recorded, and its `noise` in the same unit [m or of the effort].
+    `step` is what it counts by, where rounding is its noise.
     """
 
     channel: Channel
     values: Array
     ok: BoolArray
     noise: float
+    step: float = 0.0
 
 
 class AxisProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -113,11 +115,11 @@ def pooled_noise(noise: Iterable[float]) -> float:
 def problem_of(log: Log, name: str, axis: Axis, quality: LogQuality) -> AxisProblem | None:
     """Return the problem of one axis; None where the log has no reading of it, or it does not move."""
     axis_log = log.axes[name]
-    noise = {one.channel: one.noise for one in quality.channels if one.axis == name}
+    found = {one.channel: one for one in quality.channels if one.axis == name}
     observed = tuple(
-        ObservedChannel(channel, values, np.isfinite(values), noise[channel])
+        ObservedChannel(channel, values, np.isfinite(values), found[channel].noise, found[channel].count)
         for channel, values in recorded_channels(axis_log).items()
-        if channel in noise
+        if channel in found
     )
     positions = any(one.channel != "force" for one in observed)
     if not positions or np.ptp(axis_log.command) < MOVES:

@@ -48,6 +48,15 @@ class ChannelQuality(msgspec.Struct, frozen=True, kw_only=True):
     shift: float | None = None
     unrepeated: float | None = None
 
+    @property
+    def count(self) -> float:
+        """The resolution where its rounding, 0.29 of it, is nearly all of the noise, else 0."""
+        return self.resolution if self.noise < _ROUNDED * self.resolution else 0.0
+
+
+_ROUNDED: Final = 0.4
+"""Noise of a reading, in its counts, that is hardly more than their rounding."""
+
 
 class LogQuality(msgspec.Struct, frozen=True, kw_only=True):
     """Quality of a log, assessed before anything is fitted to it.

@@ -13,6 +13,8 @@ from ph_post.diagnose.sides import gap_between
 from ph_post.identify.free_run import AxisProblem, problem_of
 from ph_post.identify.log_quality import examine
 from ph_post.types import AxisLog, Log, Machine
+from tests.support.cascade_plant import Drive, motor_of, play
+from tests.support.cascade_records import machine_of, moves
 
 Array = NDArray[np.float64]
 T = 1e-3 * np.arange(8000)
@@ -63,6 +65,28 @@ def test_the_gap_is_sized_whatever_the_servo_does(gap: float) -> None:
 def test_no_gap_is_found_where_the_sides_differ_by_the_speed_or_by_noise() -> None:
     assert gap_between(problem(*logged(0.0))) is None
     assert gap_between(problem(*logged(20.0 * UM, grows=True))) is None
+
+
+@pytest.mark.slow
+def test_the_error_of_a_gap_read_in_counts_holds_the_truth_in_60_to_75_of_100() -> None:
+    """Readings of 2 µm: an axis that rests where it rested before is rounded as it was there."""
+    command, count, trials = moves(((0.02, 0.5), (0.004, 0.15), (0.01, 0.25), (0.002, 0.12))), 2.0 * UM, 60
+    drive = Drive(tn=12e-3, velocity=0.95)
+    motor, held = motor_of(drive, command, fine=20), 0
+    for seed in range(trials):
+        rng = np.random.default_rng(seed)
+        gap, size = (30.0 + rng.uniform(-1.0, 1.0)) * UM, rng.uniform(0.6, 1.4)
+        zeros = rng.uniform(0.0, count, 2)
+        table, turned = (
+            count * np.floor((side + zero) / count)
+            for side, zero in zip((play(size * motor, gap), size * motor), zeros, strict=True)
+        )
+        axis = AxisLog(command=size * command, table=table, motor=turned)
+        t = 1e-3 * np.arange(command.size)
+        found = gap_between(problem(Log(name="counts", t=t, period=1e-3, axes={"X": axis}), machine_of(drive)))
+        assert found is not None
+        held += abs(found.width - gap) <= found.error
+    assert 0.60 * trials <= held <= 0.75 * trials
 
 
 @pytest.mark.slow

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from ph_post.identify.errors import BLOCKS, block_covariance
+from ph_post.identify.errors import BLOCKS, block_covariance, rounding_of
+from ph_post.identify.free_run import ObservedChannel
 
 N, TRIALS = 6000, 400
 NUMBER = np.arange(N) * BLOCKS // N
@@ -43,6 +44,24 @@ def test_one_standard_error_holds_the_truth_in_60_to_75_of_100(memory: float) ->
 
 def test_what_is_known_beforehand_counts_as_much_as_it_is_sure() -> None:
     assert all(0.60 <= one <= 0.75 for one in coverage(25.0, prior=0.05))
+
+
+def test_rounding_that_repeats_does_not_average_out() -> None:
+    """A step between two places, read in counts of 1, to which an axis comes back twenty times."""
+    rng = np.random.default_rng(2)
+    high, moving = np.arange(N) // 150 % 2 == 1, np.arange(N) % 150 < 40
+    held, trials = 0, 300
+    for _ in range(trials):
+        step, zero = rng.uniform(3.0, 8.0), rng.uniform()
+        reading = np.floor(high * step + zero + moving * rng.uniform(0.0, 5.0, N))
+        columns = np.stack([np.ones(N), high], axis=1)[~moving]
+        found = np.linalg.lstsq(columns, reading[~moving], rcond=None)[0]
+        channel = ObservedChannel("act", reading, np.ones(N, dtype=bool), 0.3, 1.0)
+        rounded = rounding_of(channel, np.where(moving, 1.0, 0.0), ~moving)
+        left = reading[~moving] - columns @ found
+        spread = block_covariance(-columns, left, NUMBER[~moving], rounded=[rounded])
+        held += abs(found[1] - step) <= np.sqrt(spread[1, 1])
+    assert 0.60 * trials <= held <= 0.75 * trials
 
 
 def test_what_does_not_show_is_not_known() -> None:
