@@ -16,13 +16,13 @@ from ph_post.edit.block_words import words_by_letter
 from ph_post.edit.extrusion import filament_of
 from ph_post.edit.reversals import chain_spans
 from ph_post.errors import InputError
-from ph_post.gcode.further import further_lines
+from ph_post.gcode.further import further_lines, further_words
 from ph_post.gcode.motion_parts import split_cubic
 from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import AXES, CUBIC, NURBS, RAPID, PartProgram
 from ph_post.gcode.working import tool_in_words
 from ph_post.post.moves import FINEST
-from ph_post.types import Array, Axis, BoolArray, Machine
+from ph_post.types import ROTARY_AXES, Array, Axis, BoolArray, Machine
 from ph_post.units import MM
 
 
@@ -202,9 +202,10 @@ def why_not_editable(program: PartProgram) -> list[str]:
 
 
 def program_units(program: PartProgram) -> list[float]:
-    """Units [m] in which a program moves, axes beside X, Y and Z too."""
-    moving = np.append(program.motions.block, np.array([*further_lines(program)], dtype=np.int32))
-    used = np.unique(program.state[moving])
+    """Units [m] in which a program moves, linear axes beside X, Y and Z too."""
+    words, further = program.words, further_words(program)
+    linear = further[~np.isin(words.letter[further], [ord(name) for name in ROTARY_AXES])]
+    used = np.unique(program.state[np.append(program.motions.block, words.block[linear])])
     return sorted({program.modal[number].units for number in used.tolist()})
 
 
