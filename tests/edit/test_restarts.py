@@ -119,7 +119,7 @@ def test_from_a_mark_the_part_is_as_good_as_from_the_beginning(pair: tuple[str, 
 
 
 @pytest.mark.slow
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, 2)
 def test_from_any_other_line_only_the_first_way_through_the_backlash_differs(pair: tuple[str, str]) -> None:
     own, text = pair
     path = flat_path(own)

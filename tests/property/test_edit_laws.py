@@ -97,7 +97,7 @@ def _compare_lines(before: str, after: str, allowed: dict[str, float]) -> None:
 @example(21)  # a Z whose zero was taken downwards comes to level cuts from an unknown side
 @example(33)
 @example(1062)  # a stop so near the end of an arc that it is moved there
-@settings(relaxed, max_examples=examples(24))
+@relaxed
 def test_a_machine_with_play_cuts_the_original_path(seed: int) -> None:
     found = compensated(seed, tools=False)
     side = np.array([found.edits.one_sided.get(axis, 0) for axis in "XYZ"])

@@ -70,7 +70,7 @@ def test_a_program_with_a_piece_missing_or_doubled_is_kept_or_refused(text, data
 
 @needs_rs274
 @given(programs())
-@settings(relaxed, max_examples=examples(80))
+@settings(relaxed, max_examples=examples(150))
 def test_motions_are_those_of_linuxcnc(text):
     numbered = number_lines(text)
     canon = run_rs274(numbered)

@@ -1,4 +1,4 @@
-"""How much is tried at random: all of it where the slow tests are asked for, a part of it otherwise."""
+"""How much is tried at random: all of it where every case is asked for, a part of it otherwise."""
 
 from __future__ import annotations
 
@@ -16,13 +16,18 @@ EVERY = "every"
 PART = 4
 """Of so many random examples one is tried where nobody asks for all."""
 
+HALF = 2
+"""Of so many random examples one is tried where the slow tests are asked for, and not every case."""
+
 FEWEST = 8
 """Examples that are tried always, where there are as many."""
 
 
 def examples(count: int) -> int:
     """How many of `count` random examples to try."""
-    return count if os.environ.get(ALL) else max(count // PART, min(count, FEWEST))
+    asked = os.environ.get(ALL)
+    part = 1 if asked == EVERY else HALF if asked else PART
+    return max(count // part, min(count, FEWEST))
 
 
 def sample(kinds: Sequence[Hashable], each: int) -> list[int]:

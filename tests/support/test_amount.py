@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from support.amount import ALL, EVERY, sample
+from support.amount import ALL, EVERY, examples, sample
 
 
 @pytest.mark.thinned(4)
@@ -26,3 +26,11 @@ def test_a_sample_has_some_of_every_kind_and_is_always_the_same() -> None:
     found = sample(kinds, 3)
     assert found == sorted(set(found)) == sample(kinds, 3)
     assert [sum(kinds[number] == kind for number in found) for kind in range(7)] == [3] * 7
+
+
+@pytest.mark.parametrize(("asked", "tried"), [("", (25, 8, 5)), ("1", (50, 10, 5)), (EVERY, (100, 20, 5))])
+def test_random_examples_are_more_where_more_is_asked_for(
+    asked: str, tried: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(ALL, asked)
+    assert tuple(examples(count) for count in (100, 20, 5)) == tried
