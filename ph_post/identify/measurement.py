@@ -17,6 +17,7 @@ from ph_post.identify.dial import DialResult, read_dial
 from ph_post.identify.handreadings import Sure, weighted_mean
 from ph_post.identify.machinefile import axis_change, changed_machine
 from ph_post.identify.testcut import CutResult, read_cut
+from ph_post.quantities import with_error
 from ph_post.types import Axis, Machine
 from ph_post.types.diagnosis import Estimate
 from ph_post.types.readings import Readings
@@ -190,7 +191,7 @@ def _pairs(
         for pair, (first, *others) in found.items():
             if any(first.differs(other, _APART, _BESIDE_ANGLE) for other in others):
                 expected = "the same within their errors, or one of them left out"
-                got = " and ".join(square_words(one) for one in (first, *others))
+                got = " and ".join(slope_words(one) for one in (first, *others))
                 where = f"the {what} of {' and '.join(pair)} by test cut and by ball bar contradict each other"
                 raise InputError(name, where, expected=expected, got=got)
     means = [{pair: weighted_mean(group) for pair, group in one.items()} for one in (square, mismatch)]
@@ -236,29 +237,31 @@ def _above(axis: str, one: AxisMeasurement, found: Measurement) -> Iterator[str]
     if one.spread is not None and one.spread > 1.5 * one.lost_motion.error:
         yield f"along the axis it differs by {one.spread / MICROMETRE:.2g} um: that is in the uncertainty"
     if axis in found.scale:
-        yield f"scale: {scale_words(found.scale[axis])} further than commanded"
+        yield f"scale: {slope_words(found.scale[axis])} further than commanded"
     for pair, angle in found.squareness.items():
         if axis == pair[1]:
-            yield f"squareness to {pair[0]}: {square_words(angle)}"
+            yield f"squareness to {pair[0]}: {slope_words(angle)}"
 
 
-def scale_words(one: Sure) -> str:
-    """Return a scale error in words.
-
-    Examples
-    --------
-    >>> scale_words(Sure(value=2e-4, error=1e-4))
-    '+0.200 +- 0.100 mm/m'
-    """
-    return f"{one.value / MM:+.3f} +- {one.error / MM:.3f} mm/m"
-
-
-def square_words(one: Sure) -> str:
-    """Return a squareness in words: what the angle lacks of 90°.
+def sure_words(one: Sure, size: float, unit: str) -> str:
+    """Write a value with its sign and its error, both to the last digit of the error.
 
     Examples
     --------
-    >>> square_words(Sure(value=-2e-4, error=1e-4))
-    '-0.200 +- 0.100 mm/m'
+    >>> sure_words(Sure(value=2e-4, error=1e-4), MM, "mm/m")
+    '+0.2 +- 0.1 mm/m'
     """
-    return f"{one.value / MM:+.3f} +- {one.error / MM:.3f} mm/m"
+    value, error = with_error(one.value / size, one.error / size)
+    value = value if value.startswith("-") else f"+{value}"
+    return f"{value} {unit}" if error is None else f"{value} +- {error} {unit}"
+
+
+def slope_words(one: Sure) -> str:
+    """Return a scale error, or what an angle lacks of 90°, in words.
+
+    Examples
+    --------
+    >>> slope_words(Sure(value=-2e-4, error=1e-4))
+    '-0.2 +- 0.1 mm/m'
+    """
+    return sure_words(one, MM, "mm/m")

@@ -9,7 +9,8 @@ from ph_post.api.hand_measurements import HandMeasurement
 from ph_post.identify.ballbar import BallBarResult
 from ph_post.identify.dial import NEAR, DialResult
 from ph_post.identify.handreadings import Sure
-from ph_post.identify.measurement import AxisMeasurement, scale_words, square_words
+from ph_post.identify.measurement import AxisMeasurement, slope_words, sure_words
+from ph_post.quantities import with_error
 from ph_post.report.tables import format_table
 from ph_post.units import DEGREE, MICROMETRE, MM, MS
 
@@ -19,13 +20,13 @@ def measurement_lines(found: HandMeasurement) -> Iterator[str]:
     for axis, measured in found.axes.items():
         yield from _axis_lines(axis, measured, found)
     for pair, angle in found.squareness.items():
-        degrees = f"{angle.value / DEGREE:+.4f} +- {angle.error / DEGREE:.4f} degrees"
-        yield f"squareness of {' and '.join(pair)}: {square_words(angle)} ({degrees}) short of a right angle"
+        degrees = sure_words(angle, DEGREE, "degrees")
+        yield f"squareness of {' and '.join(pair)}: {slope_words(angle)} ({degrees}) short of a right angle"
     for axis, one in found.scale.items():
-        yield f"scale of {axis}: {scale_words(one)} further than commanded{_worth(one)}"
+        yield f"scale of {axis}: {slope_words(one)} further than commanded{_worth(one)}"
     for pair, one in found.mismatch.items():
         if not set(pair) <= set(found.scale):
-            yield f"scale of {pair[0]} less that of {pair[1]}: {scale_words(one)}"
+            yield f"scale of {pair[0]} less that of {pair[1]}: {slope_words(one)}"
     if found.cut is not None and found.cut.tool is not None:
         yield f"cutter as it cut: {_length(found.cut.tool)}"
     for bar in found.ball_bar:
@@ -80,7 +81,8 @@ def _worth(one: Sure) -> str:
 
 
 def _length(one: Sure) -> str:
-    return f"{one.value / MM:.4f} +- {one.error / MM:.4f} mm"
+    value, error = with_error(one.value / MM, one.error / MM)
+    return f"{value} mm" if error is None else f"{value} +- {error} mm"
 
 
 def _bar_lines(bar: BallBarResult) -> Iterator[str]:
@@ -102,10 +104,7 @@ def _bar_rows(bar: BallBarResult) -> Iterator[tuple[str, str, str]]:
     if bar.scale is not None:
         yield "scale, mean of both", "scaling error", _parts(bar.scale)
     if bar.servo is not None:
-        if bar.feed:
-            late = f"{bar.servo.value / bar.feed / MS:+.3f} +- {bar.servo.error / bar.feed / MS:.3f} ms"
-        else:
-            late = _micrometres(bar.servo)
+        late = sure_words(bar.servo, bar.feed * MS, "ms") if bar.feed else _micrometres(bar.servo)
         yield f"lag of {first} less {second}", "servo mismatch", late
     for turn, deviation in bar.deviation:
         way = "counterclockwise" if turn > 0 else "clockwise"
@@ -114,11 +113,11 @@ def _bar_rows(bar: BallBarResult) -> Iterator[tuple[str, str, str]]:
 
 
 def _micrometres(one: Sure) -> str:
-    return f"{one.value / MICROMETRE:+.1f} +- {one.error / MICROMETRE:.1f} µm"
+    return sure_words(one, MICROMETRE, "µm")
 
 
 def _parts(one: Sure) -> str:
-    return f"{one.value / MICROMETRE:+.0f} +- {one.error / MICROMETRE:.0f} µm/m"
+    return sure_words(one, MICROMETRE, "µm/m")
 
 
 def measurement_view(found: HandMeasurement) -> dict[str, Any]:
