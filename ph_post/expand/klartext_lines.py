@@ -20,7 +20,7 @@ _KIND: Final = 10_000
 _GIVEN: Final = (100, 199)
 """Parameters that the control fills."""
 _PARAMETER: Final = re.compile(r"q([lr]?)(\d+)")
-_NAME: Final = re.compile(r"[a-z]+")
+_DIVIDED: Final = Parser.levels[3]["/"]
 
 
 def parameter_of(name: str) -> int:
@@ -119,12 +119,6 @@ class KlartextStore(Store):
         self.put(key, UNKNOWN)
 
 
-def _quotient(left: float, right: float) -> float:
-    if right == 0.0:
-        raise ExpandError("division by zero")
-    return left / right
-
-
 def _rest(left: float, right: float) -> float:
     if right == 0.0:
         raise ExpandError("division by zero")
@@ -153,7 +147,7 @@ class KlartextParser(Parser):
 
     levels: ClassVar[Levels] = (
         Parser.levels[2],
-        {"*": lambda a, b: a * b, "/": _quotient, "div": _quotient, "%": _rest, "len": math.hypot, "ang": _angle},
+        {"*": lambda a, b: a * b, "/": _DIVIDED, "div": _DIVIDED, "%": _rest, "len": math.hypot, "ang": _angle},
         {"^": _power},
     )
     functions: ClassVar[Functions] = {

@@ -292,7 +292,7 @@ TANGENTIAL = {
     "heidenhain": ("L X+0 Y+0 Z+0 F100", "L X+5 Y+9", "L Z-1", "CT X+9 Y+20", "CT X+20 Y+9", "L X+30 Y+0", "L X+20"),
     "heidenhain-iso": (
         "G01 X+0 Y+0 Z+0 F100",
-        "X+5 Y+9",
+        "X+5 Y+9 S900",
         "Z-1",
         "G06 X+9 Y+20",
         "G06 X+20 Y+9",

@@ -40,8 +40,9 @@ def iso_parts(line: str) -> tuple[str, str, str]:
 class IsoRows(WordRows):
     """The rows of the word table of an ISO program."""
 
-    def add(self, block: int, base: int, line: str, feed: Decimal | None = None) -> None:  # noqa: ARG002 - of a parameter there is none
-        """Add the words of a line whose first byte is at `base`."""
+    def add(self, block: int, base: int, line: str, feed: Decimal | None = None) -> None:
+        """Add the words of a line whose first byte is at `base`; no parameter gives it a feed."""
+        assert feed is None
         number, bare, _ = iso_parts(line)
         base += len(number)
         if not bare or bare.startswith("%"):

@@ -49,6 +49,9 @@ _MACHINE: Final = frozenset((91, 92))
 KLARTEXT_POLAR: Final = re.compile(r"[CL]P\b|C\b")
 """What uses the pole in conversational programs."""
 
+_MOVES: Final = re.compile(r"(?:^| )G[0-3] ")
+"""A translated line that moves."""
+
 _FEED: Final = re.compile(rf"(?:L|C)[A-Z]?\b.*?(?<![A-Z])F\s*({NUMBER}|Q[LRS]?\d+)")
 """A feed in a block that moves, which stays in force whatever else is in it."""
 
@@ -337,7 +340,7 @@ class Tnc:
     def tangent(self, what: str, text: str) -> None:
         """Pass the moves before through that a tangential one goes on from: what stood between would be one of them."""
         for number in range(self._plane_moved, len(self.texts)):
-            if self.texts[number].startswith(("G0 ", "G1 ", "G2 ", "G3 ")) and number not in self.remarks:
+            if _MOVES.search(self.texts[number]) and number not in self.remarks:
                 self.remarks[number] = Remark(what=f"move from which a tangential one goes on: {text}")
                 self.texts[number] = FORGOTTEN
         self._plane_moved = len(self.texts)
