@@ -21,11 +21,14 @@ from ph_post.edit.reversals import (
     SHARE,
     SIGN,
 )
-from ph_post.gcode.program import AXES, RAPID
-from ph_post.types import Array, Axis, BoolArray
+from ph_post.gcode.program import AXES, LINE, RAPID
+from ph_post.types import Array, Axis, BoolArray, IntArray
 
 SOONER: Final = 0.02
 """An axis comes from beyond its place where its motor need not be there for so much longer [s] then."""
+
+STEEP: Final = 0.1
+"""An axis that has this part in a straight move takes up its backlash on a short way of it."""
 
 
 class CrossingCosts:
@@ -46,6 +49,7 @@ class CrossingCosts:
         _, place, count = np.unique(places, return_inverse=True, return_counts=True)
         together[spots.jog] = count[place]
         standing, motions = self.of_stops(spots), self._ground.program.motions
+        in_place = self.in_place(spots.rows, spots.column, spots.before)
         for column in np.unique(spots.column).tolist():
             axis = self._ground.machine.axes[AXES[column]]
             jogs = (spots.column == column) & spots.jog
@@ -60,6 +64,7 @@ class CrossingCosts:
             alone = beyond & ~carried
             moves = np.where(beyond, move * (1.0 + alone), standing[jogs])
             cost[jogs] = moves + np.where(alone, ahead, ahead / together[jogs]) + behind / together[jogs]
+            cost[jogs] += np.where(in_place[jogs], standing[jogs] + ahead, 0.0)
         chords = spots.window[:, 2] > 0.0
         cost[chords] = self.of_chords(spots)[chords]
         return cost
@@ -86,6 +91,26 @@ class CrossingCosts:
         """Rest before and behind a jog [s]: where the motor lags, until it has arrived; none where time is short."""
         return corner_pause(axis) if response_time(axis.servo) > 0.0 and coarser == 1.0 else 0.0
 
+    def in_place(self, rows: Array, column: IntArray, before: IntArray) -> BoolArray:
+        """Mask of the changes (n,) for which an axis goes from one side of its backlash to the other, and rests.
+
+        No rapid leads to its first place, and the path does not take it up there within a short way.
+        """
+        ground = self._ground
+        after = np.minimum(rows[:, MOTION].astype(np.int64) + (rows[:, SHARE] == 1.0), len(ground.way) - 1)
+        way = ground.way[after, column] * rows[:, SIGN]
+        lost = np.array(
+            [ground.sides[name][1] - ground.sides[name][0] if name in ground.sides else 0.0 for name in AXES]
+        )
+        taken = (ground.program.motions.kind[after] == LINE) & (way >= lost[column])
+        taken &= way >= STEEP * np.diff(ground.along)[after]
+        return np.asarray((before == 0) & (rows[:, SIGN] != 0.0) & ~self._in_air(rows) & ~taken)
+
+    def _in_air(self, rows: Array) -> BoolArray:
+        """Mask of the changes (n,) that are made behind a rapid."""
+        kind = self._ground.program.motions.kind[rows[:, MOTION].astype(np.int64)]
+        return np.asarray((kind == RAPID) & (rows[:, SHARE] == 1.0))
+
     def waits(self, rows: Array, first: BoolArray, axis: Axis, coarser: float) -> tuple[Array, Array, BoolArray]:
         """Rests before jogs and behind them (n,) [s], and which come from beyond their places, in the air.
 
@@ -94,7 +119,7 @@ class CrossingCosts:
         lag of rapid and jog.
         """
         motion, kind = rows[:, MOTION].astype(np.int64), self._ground.program.motions.kind
-        in_air = (kind[motion] == RAPID) & (rows[:, SHARE] == 1.0)
+        in_air = self._in_air(rows)
         onto_side = in_air & (rows[:, SIGN] != 0.0)
         reserve = max(0.5 * (self._ground.overshoot[axis.name] - axis.gap.lost_motion), RESIDUE)
         whole, part = _settled(axis, RESIDUE), _settled(axis, reserve)

@@ -212,7 +212,7 @@ def _first_of_all(motions: Motions, change: PlaceArray, jog: BoolArray) -> BoolA
     for axis in range(len(AXES)):
         way = np.abs(motions.end[:, axis] - motions.start[:, axis]) > EXACT
         moved = np.append(0, np.cumsum(way))
-        found |= leading & way & (moved[:-1] == moved[begins])
+        found |= leading & way & (moved[_begins(change)] == moved[begins])
     return found
 
 

@@ -393,6 +393,18 @@ def test_an_axis_that_no_rapid_names_is_wound_up_before_the_cut() -> None:
     assert largest(errors(text, changed, XY)) < 3e-6
 
 
+@pytest.mark.parametrize("dialect", ["linuxcnc", "grbl"])
+def test_an_axis_that_rests_in_the_first_cut_comes_to_its_place_from_either_side(dialect: str) -> None:
+    """No rapid leads there: the motor goes to the other side and back, and takes the table no farther than its place."""
+    text = "G21 G91\nG1 X20 F600\nX20\nG3 X0 Y20 I0 J10\nG1 X-40\n"
+    changed = compensate(text.encode(), machine(dialect), dialect=dialect).text.decode()
+    motor, path = run(interpret(changed)).motor, interpret(text)
+    begins = int(np.argmax(motor[:, 0] > motor[0, 0] + 0.1))
+    for table in tables(motor, XY, (0, 0, 0)):
+        assert distance(table[begins:-200], path).max() < 3e-3
+        assert np.abs(table[:begins] - motor[0])[:, 1].max() <= 0.5 * XY[1] + 1e-9
+
+
 BEGINS_LOWER = ["G2 X-5 Y0 I-5 J0 Z-1 F500\nG2 X5 Y0 I5 J0 Z-2\n", "G93\nG1 X-5 Y2 Z-1 F60\nX5 Y0 Z-2 F60\nG94\n"]
 
 

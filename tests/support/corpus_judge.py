@@ -33,6 +33,12 @@ COARSE = 0.05
 MOST = 60_000
 """Samples of a program at most."""
 
+RAPID = 0.5
+"""Distance of the samples of rapids [mm]."""
+
+TAKEN_UP = 3.0 * GAP
+"""Distance [mm] from a rapid's way within which an axis may come to its side of the backlash, away from all cuts."""
+
 BAND = 0.005
 """Ways back [mm] that are no reversal."""
 
@@ -109,28 +115,31 @@ def _played(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
             thin = max(1, len(run.path) // MOST)
             return run.path[::thin], run.cutting[::thin]
         # Printers home; others stand where nobody knows.
-        begin = (0.0, 0.0, 0.0) if dialect in ("marlin", "klipper") else BEGINS[0]
-        moves = [move for move in interpret(_UNREAD.sub("", text.upper()), begin) if move.length > 0.0]
+        begins = [(0.0, 0.0, 0.0)] if dialect in ("marlin", "klipper") else BEGINS
+        read = _UNREAD.sub("", text.upper())
+        runs = [[move for move in interpret(read, begin) if move.length > 0.0] for begin in begins]
     except (ArithmeticError, LookupError, TypeError, ValueError):
         return None
-    return _sampled(_known(moves)) if moves else None
+    return _sampled(runs) if runs[0] else None
 
 
-def _known(moves: list[Move]) -> list[Move]:
-    """Leave out the first moves, which come from where the machine happens to stand."""
-    begin = moves[0].start
-    moved = np.any([move.end != begin for move in moves], axis=0)
-    first = 0
-    while first + 1 < len(moves) and (moves[first].start == begin)[moved].any():
-        first += 1
-    return moves[first:]
+def _sampled(runs: list[list[Move]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return places, and whether the tool cuts there, of moves that lead from several places at the beginning.
 
-
-def _sampled(moves: list[Move]) -> tuple[np.ndarray, np.ndarray]:
+    A move that leads from where the machine happens to stand is no more than a rapid to its end.
+    """
+    moves, last = runs[0], [run[-1].end for run in runs]
     step = max(COARSE, sum(move.length for move in moves if move.mode) / MOST)
-    counts = [max(2, math.ceil(move.length / step)) if move.mode else 2 for move in moves]
-    points = [move.at(np.linspace(0.0, 1.0, count + 1)[1:]) for move, count in zip(moves, counts, strict=True)]
-    return np.concatenate(points), np.repeat([move.mode > 0 for move in moves], counts)
+    points, cuts = [], []
+    for number, move in enumerate(moves):
+        ends = np.array([(run[number].start - to, run[number].end - to) for run, to in zip(runs, last, strict=True)])
+        known = bool(np.ptp(ends, axis=0).max() < 1e-9)
+        count = max(2, math.ceil(move.length / (step if move.mode else RAPID))) if known else 1
+        if known and not points:
+            points, cuts = [move.start[None]], [np.zeros(1, dtype=bool)]
+        points.append(move.at(np.linspace(0.0, 1.0, count + 1)[1:]))
+        cuts.append(np.full(count, known and move.mode > 0))
+    return np.concatenate(points), np.concatenate(cuts)
 
 
 Places = tuple[np.ndarray, np.ndarray]
@@ -138,7 +147,8 @@ Places = tuple[np.ndarray, np.ndarray]
 
 def _compared(found: Judged, one: Places, other: Places, axes: str) -> Judged:
     (motor, cuts), (after, cuts_after) = ((places, cuts & _deep(places)) for places, cuts in (one, other))
-    path, tree = motor[cuts], cKDTree(motor[cuts])
+    path, tree = motor[cuts | np.append(cuts[1:], False)], cKDTree(motor[cuts])
+    cuts_after &= ~((distances(after, path) > TAKEN_UP) & (distances(after, motor) < TAKEN_UP))
     labels = _stretches(motor, cuts)
     worst: list[tuple[np.ndarray, ...]] = []
     for side in (-1.0, 1.0):
