@@ -331,11 +331,12 @@ def _line_reason(trait: int, computed: int, why: int) -> Any:  # noqa: PLR0911
 
 @inner
 def _run_block(
-    words: Any, low: int, high: int, trait: int, state: Any, before: Any, room: Any, fixed: Any, fault: int
+    words: Any, low: int, high: int, trait: int, state: Any, before: Any, room: Any, fixed: Any, first: Any, fault: int
 ) -> Any:
     """Carry out one block on the state: breaks, why not understood, its fault, the word.
 
-    A block with a fault may be carried out or not; `fault` is one of its text.
+    A block with a fault may be carried out or not; `fault` is one of its text. A line for the controller itself keeps
+    the modes, or resets them to what they were at first.
     """
     mark, why, computed, found, word = _apply_words(words, low, high, state, before, room)
     fault = fault or found
@@ -346,8 +347,10 @@ def _run_block(
         if not fault or not computed & ((1 << LETTER_G) | (1 << LETTER_M)):
             return mark, why, fault, word
     codes = computed & ((1 << LETTER_G) | (1 << LETTER_M))
-    if codes or (why in (SUBPROGRAM, SAVED_STATE, CONTROLLER_LINE) and not trait & lexer.KEEPS):
+    if codes or why in (SUBPROGRAM, SAVED_STATE):
         _forget_modes(state, before, True, fixed)
+    elif why == CONTROLLER_LINE and not trait & lexer.KEEPS:
+        _forget_modes(state, first, False, fixed)
     if (computed >> LETTER_F) & 1:
         state[FEED], state[FEED_KNOWN] = np.nan, 2.0
     return mark, why, fault, word
@@ -451,6 +454,7 @@ def resolve_modes(words: Any, traits: Any, stretches: Any, end: int, columns: An
     states, feeds, motions, zeros, flags, marks, whys, spots = columns
     state, table, slots = _begin()
     state[FEED_KNOWN] = fixed[FEED_KNOWN]
+    first = state.copy()
     before, count, low, row, at = state.copy(), 1, 0, 0, 0
     room = (np.zeros(26), np.zeros(26, np.int64), np.zeros((2, 64), np.int64), np.zeros(18, np.int64))
     for block in range(end):
@@ -468,7 +472,7 @@ def resolve_modes(words: Any, traits: Any, stretches: Any, end: int, columns: An
             parts = (letter, value)
             own = int(was) if FAULT < was < QUIET else 0
             marks[block], why, fault, word = _run_block(
-                parts, low, high, traits[block], state, before, room, fixed, own
+                parts, low, high, traits[block], state, before, room, fixed, first, own
             )
             if own == 0 and fault:
                 whys[block], spots[block] = FAULT + fault, -2 - word
