@@ -19,7 +19,7 @@ from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
 from ph_post.units import MM
 
-_SPOKEN: Final = ("linuxcnc", "grbl", "grblhal")
+WRITTEN_AS_LINUXCNC: Final = ("linuxcnc", "grbl", "grblhal")
 """Dialects whose programs are written out as LinuxCNC would run them."""
 
 
@@ -53,7 +53,7 @@ def expanded_job(
     parameters = None if options.parameters is None else read_parameters(options.parameters)
     tools = None if options.tool_table is None else read_tools(options.tool_table)
     base = dialect.split("+", maxsplit=1)[0]
-    if base not in (*_SPOKEN, "fanuc", "siemens", "heidenhain"):
+    if base not in (*WRITTEN_AS_LINUXCNC, "fanuc", "siemens", "heidenhain"):
         return job, (f"{job.name}: not written out: programs of {dialect} are taken as they are",)
     folders = Folders(_folders(job.name, options.subprograms))
     try:

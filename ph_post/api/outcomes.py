@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
+from ph_post.api.expansion import WRITTEN_AS_LINUXCNC
 from ph_post.api.inputs import COMPENSATED_BEFORE, Source
 from ph_post.api.options import CompensateOptions
 from ph_post.api.results import AxisReversals, MotionResult, ReversalCount
@@ -148,29 +149,32 @@ _COMPUTED: Final = (
     *("parameter", "value that is computed", "O-word", "polar coordinates", "canned cycle", "modal state brought back"),
     "subprogram: ",
 )
-"""What begins the notes of stretches that can be written out, in RS274's words."""
+_TURNED: Final = "motion in a turned, scaled, polar or diameter frame"
+_WRITTEN_OUT: Final[Mapping[str, tuple[str, ...]]] = {
+    **dict.fromkeys(WRITTEN_AS_LINUXCNC, _COMPUTED),
+    "fanuc": (*_COMPUTED, "loop of a macro", "jump of a macro", _TURNED),
+    "siemens": ("repeated part", "lines of a jump"),
+    "heidenhain": (
+        *("repeated part", "part that is jumped", "call or jump: ", "call of a cycle", "Q parameter"),
+        "place that is computed",
+    ),
+}
+"""What begins the notes of stretches that can be written out, by dialect."""
 
-_MACROS: Final = ("loop of a macro", "jump of a macro")
-"""The same for Fanuc's."""
-
-_CONVERSATIONAL: Final = (
-    *("repeated part", "part that is jumped", "call or jump: ", "call of a cycle", "Q parameter"),
-    "place that is computed",
-)
-"""The same for Heidenhain's conversational programs."""
+_CUTTER: Final = "cutter compensation"
 
 
-def passed_through(program: PartProgram) -> tuple[str, ...]:
-    """Describe the stretches of a program that are passed through: their number, and the first."""
-    notes = program.notes
+def passed_through(program: PartProgram, dialect: str) -> tuple[str, ...]:
+    """Describe the stretches of a program that are passed through: their number, the first, and what would help."""
+    notes, base = program.notes, dialect.partition("+")[0]
     if not notes:
         return ()
-    first = f"line {notes[0].first + 1}: {notes[0].what}"
-    kinds: tuple[str, ...] = (*_COMPUTED, *_MACROS) if program.language.read is None else _MACROS
-    kinds = _CONVERSATIONAL if program.language.name == "heidenhain" else kinds
-    if any(note.what.startswith(kinds) for note in notes) and EXPANDED.first(program.data) < 0:
-        first += "; --expand writes out what computes"
-    return (f"{counted(len(notes), 'stretch', 'stretches')} passed through unchanged ({first})",)
+    said, expanded = [f"line {notes[0].first + 1}: {notes[0].what}"], EXPANDED.first(program.data) >= 0
+    if not expanded and any(note.what.startswith(_WRITTEN_OUT.get(base, ())) for note in notes):
+        said.append("--expand writes out what computes")
+    if base in WRITTEN_AS_LINUXCNC and any(note.what.startswith(_CUTTER) for note in notes):
+        said.append(f"{'' if expanded else '--expand '}--tool-table FILE works out cutter compensation")
+    return (f"{counted(len(notes), 'stretch', 'stretches')} passed through unchanged ({'; '.join(said)})",)
 
 
 def left_words(rows: Sequence[AxisReversals], warnings: Sequence[str], notes: Sequence[str]) -> str:

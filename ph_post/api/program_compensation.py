@@ -153,7 +153,7 @@ class ProgramCompensation(Compensation):
         if self.output == "table":
             return self.longest.not_compensated
         warnings = (*self.planned.warnings, *self.shifted.warnings)
-        return left_words(self.axis_reversals, warnings, passed_through(self.original))
+        return left_words(self.axis_reversals, warnings, passed_through(self.original, self.machine.dialect))
 
     @cached_property
     def planned(self) -> CompensatedProgram:

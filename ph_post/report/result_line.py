@@ -92,7 +92,7 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
         notes = path.notes
     else:
         assert isinstance(path, ProgramCompensation)
-        rows, notes = path.axis_reversals, passed_through(path.original)
+        rows, notes = path.axis_reversals, passed_through(path.original, path.machine.dialect)
         warnings = (*path.planned.warnings, *path.shifted.warnings)
         moved = moved_axes(path.original)
         found = _simulated(path.before, path.after, path.machine, moved) if simulated else None
@@ -142,7 +142,7 @@ def summarize_program(
     if found.done:
         return msgspec.structs.replace(summary, axes=declared_axes(found.after))
     rows = count_program_reversals(reversals, machine)
-    return _counted(summary, rows, found.warnings, passed_through(found.before))
+    return _counted(summary, rows, found.warnings, passed_through(found.before, machine.dialect))
 
 
 def declared_axes(program: PartProgram) -> tuple[str, ...]:

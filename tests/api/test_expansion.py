@@ -161,7 +161,10 @@ def test_repeats_parameters_and_cycles_of_heidenhain(tmp_path):
     source.write_text("".join(f"{number} {block}\n" for number, block in enumerate(blocks)))
     how = {"dialect": "heidenhain", "max_slowdown": 1.0}
     plain = ph.compensate(source, "stepper", **how)
-    assert "--expand writes out what computes" in passed_through(read_as("heidenhain", source.read_bytes(), "a"))[0]
+    assert (
+        "--expand writes out what computes"
+        in passed_through(read_as("heidenhain", source.read_bytes(), "a"), "heidenhain")[0]
+    )
     result = ph.compensate(source, "stepper", expand=True, **how)
     assert result.reversals.compensated == result.reversals.all > plain.reversals.compensated
     out = tmp_path / "out.h"

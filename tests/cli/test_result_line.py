@@ -10,7 +10,10 @@ import pytest
 from msgspec.structs import replace
 
 import ph_post as ph
+from ph_post.api.outcomes import passed_through
 from ph_post.cli.main import main
+from ph_post.dialects.registry import find_dialect
+from ph_post.gcode.read import read_program
 from ph_post.report.result_line import ResultSummary, result_lines
 from ph_post.simulate.contour import ContourError
 
@@ -106,6 +109,23 @@ def test_what_is_passed_through_is_not_compensated(part: Path, capsys: pytest.Ca
     assert said[-2].endswith("; --expand writes out what computes)")
     said, _ = ended(capsys, "convert", str(part), "-m", "stepper", "--max-slowdown", "10", "--expand")
     assert not any("NOT COMPENSATED" in line for line in said[-2:])
+
+
+@pytest.mark.parametrize(
+    ("dialect", "text", "way"),
+    [
+        ("linuxcnc", "G41 D1\nG1 X20\nG40 X30\n", "--expand --tool-table FILE works out cutter compensation"),
+        ("fanuc", "M98 P100\n", "--expand writes out what computes"),
+        ("siemens", "LAB: G1 X20\nX30\nREPEAT LAB P2\n", "--expand writes out what computes"),
+        ("linuxcnc", "M300 (a macro of the shop's own)\n", "M300"),
+    ],
+)
+def test_what_would_have_it_compensated_is_said(dialect: str, text: str, way: str) -> None:
+    program = read_program(
+        f"G21 G90 G17\nG0 X0 Y0\n{text}M30\n".encode(), "part.nc", language=find_dialect(dialect).language
+    )
+    (said,) = passed_through(program, dialect)
+    assert said.endswith(f"{way})")
 
 
 def test_a_program_that_is_compensated_already_ends_with_its_line(

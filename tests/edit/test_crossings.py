@@ -395,7 +395,7 @@ def test_an_axis_that_no_rapid_names_is_wound_up_before_the_cut() -> None:
 
 @pytest.mark.parametrize("dialect", ["linuxcnc", "grbl"])
 def test_an_axis_that_rests_in_the_first_cut_comes_to_its_place_from_either_side(dialect: str) -> None:
-    """No rapid leads there: the motor goes to the other side and back, and takes the table no farther than its place."""
+    """No rapid leads there: the motor goes to the other side and back, the table no farther than its place."""
     text = "G21 G91\nG1 X20 F600\nX20\nG3 X0 Y20 I0 J10\nG1 X-40\n"
     changed = compensate(text.encode(), machine(dialect), dialect=dialect).text.decode()
     motor, path = run(interpret(changed)).motor, interpret(text)

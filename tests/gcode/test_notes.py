@@ -164,5 +164,14 @@ def test_one_place_is_known_again_by_words_behind_an_arc_from_nowhere():
 
 
 def test_moves_in_a_plane_that_is_not_known_are_read() -> None:
-    program = read_program(b"$H\nG21 G90 G94\nG1 X1 Y2 F60\nG17\nG1 X3\n", "a.ngc")
+    program = read_program(b"M98 P7\nG21 G90 G94\nG1 X1 Y2 F60\nG17\nG1 X3\n", "a.ngc")
     assert program.motions.plane.tolist() == [17, 17]
+
+
+def test_a_line_for_the_controller_itself_resets_no_more_than_the_program_has_set() -> None:
+    """Homing runs the lines with which Grbl starts (system.c); what was said since then is not known any more."""
+    moves = "G1 X1 Y2 F60\nX3\n"
+    assert read_program(f"$H\n$X\nG21 G90\n{moves}".encode(), "a.nc").motions.kind.size == 2
+    assert read_program(f"G91\n$H\n{moves}".encode(), "a.nc").motions.kind.size == 0
+    known = read_program(f"G91\n$H\nG90\n{moves}".encode(), "a.nc").motions
+    np.testing.assert_array_equal(known.end[-1], [3e-3, 2e-3, np.nan])
