@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.compensate.offsets import corner_pause
+from ph_post.compensate.offsets import DWELL, corner_pause
 from ph_post.drive.cascade import response_time
 from ph_post.edit.crossing_ground import LEAST_FEED, CrossingGround, Spots
 from ph_post.edit.crossings import (
@@ -64,7 +64,8 @@ class CrossingCosts:
             alone = beyond & ~carried
             moves = np.where(beyond, move * (1.0 + alone), standing[jogs])
             cost[jogs] = moves + np.where(alone, ahead, ahead / together[jogs]) + behind / together[jogs]
-            cost[jogs] += np.where(in_place[jogs], standing[jogs] + ahead, 0.0)
+            rest = np.maximum(ahead, self._ground.planner.dwell(np.array(DWELL)))
+            cost[jogs] += np.where(in_place[jogs], standing[jogs] + rest, 0.0)
         chords = spots.window[:, 2] > 0.0
         cost[chords] = self.of_chords(spots)[chords]
         return cost

@@ -205,7 +205,7 @@ class CrossingSearch:
                 ways, ahead = [travel - sum(ways), *ways], 0.0
         elif not behind_rapid and (sign == 0.0 or spots.before[n] == 0):
             # Behind the last cut the path rests anyway, and where no rapid led to the first place it has to once.
-            ahead = arrives = max(pause, DWELL)
+            ahead = arrives = pause = max(pause, DWELL)
             if self._costs.in_place(row[None, :], spots.column[n : n + 1], spots.before[n : n + 1])[0]:
                 # From one side of its backlash to the other the table comes to its place from wherever it was.
                 ways = [travel - sign * lost, sign * lost]
