@@ -33,6 +33,10 @@ STATUS = {"diff": 1, "verify": 0}
 """Exit status of commands that end with another than 0: compensated programs differ from their originals."""
 
 
+SEARCHING = ("convert", "simulate", "compare", "report")
+"""Commands that search, for as long as they are told to."""
+
+
 def blocks(document: Path, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", document.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
 
@@ -68,9 +72,11 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run(line: str, monkeypatch: pytest.MonkeyPatch) -> int:
-    """Run a shell line that calls ``ph-post``; questions are answered by their defaults."""
+    """Run a shell line that calls ``ph-post``, with little search; questions are answered by their defaults."""
     words = shlex.split(line, comments=True)
     assert words[0] == "ph-post", line
+    if words[1] in SEARCHING and not {"--undo", "--effort"}.intersection(words):
+        words += ["--effort", "0.01"]
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"\n" * 40)))
     return main(words[1:])
 

@@ -142,7 +142,7 @@ def test_where_the_rule_is_open_none_of_them_is_made_worse(limited: bool) -> Non
     assert_never_worse(on_circle(None, limited), RULES)
 
 
-@pytest.mark.parametrize("rule", ["standstill", "momentum", None])
+@pytest.mark.parametrize("rule", ["standstill", None, "momentum"])
 @pytest.mark.thinned(2, 2)
 def test_from_rest_nothing_is_made_worse(rule: Pickup | None) -> None:
     assert_never_worse(on_circle(rule, limited=True, start="rest"), (rule,) if rule else RULES)
