@@ -229,6 +229,8 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
             else:
                 seen = motor if plant.cascade.velocity_feedback == "motor" else table
                 e = torque_of_motion(plant.cascade, command, side, seen, period)
+                # A constant load does not show in its motion: the integrator held it before that began.
+                e += plant.load if plant.cascade.integral_rate else 0.0
             # With a part of c that is electronic this is where the torque saturates at low speed only.
             e = np.clip(e, -plant.saturation, plant.saturation)
             found["force"] = np.stack([e, speed], axis=1)[::parts]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -10,10 +11,13 @@ from msgspec.structs import replace
 
 from ph_post.diagnose.diagnose import diagnose
 from ph_post.drive.cascade import torque_of_motion
-from ph_post.types import Gap, Log, Machine
+from ph_post.identify.free_run import predict, problem_of
+from ph_post.identify.log_quality import examine
+from ph_post.types import AxisLog, Gap, Log, Machine
 from ph_post.types.diagnosis import Diagnosis
 from tests.support.cascade_plant import DRIVES, PERIOD, Drive, motor_of, to_and_fro, two_bodies
 from tests.support.cascade_records import NOISE, log_of, machine_of, moves, record
+from tests.support.plants.axis import Hidden
 from tests.support.plants.axis import Plant as PlantOfTests
 from tests.support.plants.loops import follow
 from tests.support.plants.tracks import Track
@@ -102,6 +106,20 @@ def test_torque_of_a_motion(name: str) -> None:
     acceleration = np.gradient(speed, PERIOD) / (drive.kv * drive.wv)
     rms = np.sqrt(np.mean((given - acceleration)[50:-50] ** 2))
     assert rms < 0.03 * np.sqrt(np.mean(acceleration[50:-50] ** 2))
+
+
+@pytest.mark.parametrize("tn", [8e-3, math.inf])
+def test_a_constant_load_shows_in_the_torque(tn: float) -> None:
+    drive, load = Drive(kv=80.0, wv=430.0, tn=tn), 2e-5
+    b, track = 1.0 / (drive.kv * drive.wv), Track().rest(0.3).move((0.01, 0.0), 0.05, 1.0).rest(0.2)
+    hidden = Hidden("load_offset", {"force": load})
+    moved = follow(PlantOfTests("motor", b, 1.0 / drive.kv, effects=(hidden,), drive=drive), track)
+    axis = AxisLog(command=moved.command, motor=moved.motor, effort=1e6 * moved.drive, effort_unit="N")
+    log, machine = Log(name="load", t=moved.t, period=PERIOD, axes={"X": axis}), machine_of(drive)
+    problem = problem_of(log, "X", machine.axes["X"], examine(log, machine))
+    assert problem is not None
+    shown = predict(problem, replace(problem.plant, load=load))["force"][:, 0]
+    assert np.max(np.abs(shown - moved.drive)[200:]) < 1e-6
 
 
 def test_torque_where_a_motor_is_picked_up() -> None:
