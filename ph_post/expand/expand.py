@@ -38,7 +38,7 @@ _STRUCTURED: Final = re.compile(
 )
 """What a program of Siemens that computes has somewhere."""
 
-_CONVERSATIONAL: Final = re.compile(rb"\bCALL\s+LBL\b|GOTO\b|CYCL\s+CALL|Q[LR]?\d|M\s*99(?!\d)", re.IGNORECASE)
+_CONVERSATIONAL: Final = re.compile(rb"\bCALL\s+LBL|GOTO\b|CYCL\s+CALL|Q[LR]?\d|M\s*99(?!\d)", re.IGNORECASE)
 """What a conversational program of Heidenhain that computes has somewhere."""
 
 _TOP: Final = re.compile(r"\s*(?:%|;\$PATH=|[Oo:]\s*\d+\s*(?:\(.*)?$|(?:\d+\s+)?BEGIN\s+PGM\b)", re.IGNORECASE)

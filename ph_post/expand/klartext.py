@@ -30,10 +30,10 @@ _NESTED: Final = 19
 """Subprograms that may call each other (TNC 620; 8 of an iTNC 530)."""
 
 _NAME: Final = r"(\"[^\"]*\"|[^\s\"]+)"
-_CALL: Final = re.compile(rf"CALL\s+LBL\s+{_NAME}(\s+REP\s*(?:(\d+)\s*(?:/\s*\d+)?)?)?$")
+_CALL: Final = re.compile(rf"CALL\s+LBL\s*{_NAME}(\s+REP\s*(?:(\d+)\s*(?:/\s*\d+)?)?)?$")
 """The second number of a repeat is how many are left, as the control shows it."""
-_LABEL: Final = re.compile(rf"LBL\s+{_NAME}$")
-_JUMP: Final = re.compile(rf"FN\s*(?:9|10|11|12)\s*:\s*IF\s+(\S+)\s+(EQU|NE|GT|LT)\s+(\S+)\s+GOTO\s+LBL\s+{_NAME}$")
+_LABEL: Final = re.compile(rf"LBL\s*{_NAME}$")
+_JUMP: Final = re.compile(rf"FN\s*(?:9|10|11|12)\s*:\s*IF\s+(\S+)\s+(EQU|NE|GT|LT)\s+(\S+)\s+GOTO\s+LBL\s*{_NAME}$")
 _SET: Final = re.compile(r"(?:FN\s*(?:[0-8]|13)\s*:\s*)?(Q[LR]?\d+)\s*=\s*(.*)$")
 _OWN_CYCLE: Final = re.compile(r"CYCL\s+DEF\s+(?:[3-9]|1\d)\d\d")
 """Cycles of machine builders, and those that measure: they may set parameters."""

@@ -309,3 +309,27 @@ def test_nothing_comes_between_a_tangential_move_and_the_ones_before_it(dialect:
     assert program.notes[0].what.startswith("move from which a tangential one goes on")
     assert program.notes[1].what.startswith("path function")
     assert program.motions.block.tolist() == [1, 6, 7]
+
+
+CALLED = {
+    "heidenhain": ("L X+0 Y+0 F100", "LBL1", "L X+9", "L X+1", "LBL 0", "L X+2", "CALL LBL 1", "L X+5 Y+5", "L X+6"),
+    "heidenhain-iso": (
+        *("G01 X+0 Y+0 F100", "G98 L1", "G01 X+9", "X+1", "G98 L0", "G01 X+2", "L1,0", "G01 X+5 Y+5", "X+6"),
+    ),
+}
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_what_runs_on_its_way_and_is_called_again_is_passed_through(dialect: str) -> None:
+    program = read(dialect, CALLED)
+    assert (program.notes[0].first, program.notes[0].last) == (2, 5)
+    assert program.notes[0].what == "part that is called from elsewhere"
+    assert program.motions.end[program.motions.block >= 8, 0].tolist() == [0.005, 0.006]
+    assert not np.isin(program.motions.block, range(2, 6)).any()
+
+
+def test_a_jump_to_a_label_without_a_blank_is_a_jump() -> None:
+    program = klartext("L X+0 Y+0 F100", "LBL1", "L IX+1", "FN9: IF +Q1 LT +9 GOTO LBL1", "L X+9 Y+9")
+    assert [(note.first, note.last, note.what) for note in program.notes] == [
+        (2, 4, "part that is jumped over or back to")
+    ]

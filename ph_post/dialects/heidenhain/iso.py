@@ -60,6 +60,8 @@ _LANGUAGE: Final = TncLanguage(
         REPEATED: re.compile(r"(?<![A-Z])L\s*(\d+)\s*,\s*[1-9]"),
         JUMPED: re.compile(rf"{_IF}.*P03\s*(\+*(\S+))"),
     },
+    called=re.compile(r"(?<![A-Z])L\s*(\d+)\s*,\s*0"),
+    ends=re.compile(r"G98\s*L\s*0(?!\d)"),
     label_words="G98 L",
     rows=IsoRows,
 )

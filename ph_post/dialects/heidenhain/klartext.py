@@ -65,11 +65,13 @@ _LANGUAGE: Final = TncLanguage(
     head=re.compile(r"BEGIN\s+PGM\s+(.*?)\s*(MM|INCH)"),
     refusal="not a conversational program",
     expected_head="0 BEGIN PGM, a name, and MM or INCH",
-    label=re.compile(r"^LBL\s+(\"[^\"]*\"|\d+)"),
+    label=re.compile(r"^LBL\s*(\"[^\"]*\"|\d+)"),
     calls={
-        REPEATED: re.compile(r"^CALL\s+LBL\s+(\"[^\"]*\"|\d+)\s+REP"),
-        JUMPED: re.compile(r"GOTO\s+LBL\s+(\S+)"),
+        REPEATED: re.compile(r"^CALL\s+LBL\s*(\"[^\"]*\"|\d+)\s+REP"),
+        JUMPED: re.compile(r"GOTO\s+LBL\s*(\S+)"),
     },
+    called=re.compile(r"^CALL\s+LBL\s*(\"[^\"]*\"|\d+)$"),
+    ends=re.compile(r"^LBL\s*0$"),
     label_words="LBL",
     rows=KlartextRows,
 )
@@ -112,7 +114,7 @@ class _KlartextFollower:
             self._values = int(cycle[1]) in _CALLED
             return self._cycle(int(cycle[1]), cycle[2], cycle[3], source)
         self._values = self._values and bool(_VALUE.match(source))
-        if self._sets(source) or not source or source.startswith(("*", *_QUIET)) or re.match(r"LBL\b", source):
+        if self._sets(source) or not source or source.startswith(("*", *_QUIET)) or re.match(r"LBL\s*[\d\"]", source):
             return ""
         if source.startswith("END PGM"):
             return "M2"

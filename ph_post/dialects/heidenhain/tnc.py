@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from decimal import Decimal
 from typing import Final, Protocol
@@ -357,6 +358,7 @@ class Tnc:
 
 REPEATED: Final = "repeated part"
 JUMPED: Final = "part that is jumped over or back to"
+_CALLED: Final = "part that is called from elsewhere"
 
 
 class TncRows(Protocol):
@@ -385,6 +387,8 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
     calls : mapping of str to pattern
         By what becomes of the lines between, what repeats or jumps: the label as it stands there is the
         first group, its name the last.
+    called, ends : pattern
+        Of a call that comes back, its label as of `calls`, and of the label that ends what is called.
     label_words : str
         Words that set a label.
     rows : callable
@@ -397,6 +401,8 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
     expected_head: str
     label: re.Pattern[str]
     calls: Mapping[str, re.Pattern[str]]
+    called: re.Pattern[str]
+    ends: re.Pattern[str]
     label_words: str
     rows: Callable[[], TncRows]
 
@@ -474,7 +480,12 @@ class TncSource:
         """Find the lines that repeats run more than once, and jumps perhaps not, or more than once."""
         set_at = [self._language.label.search(text) for text in self.texts]
         labels = {found[1]: number for number, found in enumerate(set_at) if found}
+        ends = [number for number, text in enumerate(self.texts) if self._language.ends.search(text)]
         for number, text in enumerate(self.texts):
+            away = None if set_at[number] else self._language.called.search(text)
+            if away is not None and away[1] in labels:
+                begin = labels[away[1]]
+                yield begin, [*ends, len(self.texts) - 1][bisect_right(ends, begin)], _CALLED
             for what, pattern in self._language.calls.items():
                 call = None if set_at[number] else pattern.search(text)
                 if call is None:
