@@ -40,7 +40,10 @@ def _load_without_blas() -> None:
     They are, as scipy is required; what multiplies matrices loads them by itself. That is a sixth of a start.
     """
     matrices: Any = linalg
-    ensure, matrices.ensure_blas = matrices.ensure_blas, lambda: None
+    ensure = getattr(matrices, "ensure_blas", None)
+    if ensure is None:  # another numba, which does not look
+        return
+    matrices.ensure_blas = lambda: None
     try:
         importlib.import_module("numba.np.arraymath")
     finally:

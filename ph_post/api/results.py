@@ -265,22 +265,29 @@ class ProgramMotion(MotionResult):
         self._name, self._progress = name, progress
         self._plain = self if plain is None else plain
         self._led, self._known = led, not led or plain is not None
+        self._planned: PlannedRun | None = None
 
     @cached_property
     def time(self) -> float:
         """Duration of the motion, from rest to rest [s]."""
-        found = self._planned.time
+        planned = self._take_plan()
+        found = planned.time
+        if found is None or found <= LONGEST_SIMULATED:
+            self._planned = planned
         return float(self.command.t[-1]) if found is None else found
-
-    @cached_property
-    def _planned(self) -> PlannedRun:
-        self._progress(f"running the {self._name} on a model of the controller")
-        return PlannedRun(self.program, self.machine)
 
     @cached_property
     def command(self) -> Command:
         """Command of the controller in every servo period."""
-        return self._planned.command(meet_turns=True)
+        return self._take_plan().command(meet_turns=True)
+
+    def _take_plan(self) -> PlannedRun:
+        """Return the plan, which is kept only until there are rows: it is as large as the program."""
+        planned, self._planned = self._planned, None
+        if planned is None:
+            self._progress(f"running the {self._name} on a model of the controller")
+            planned = PlannedRun(self.program, self.machine)
+        return planned
 
     @cached_property
     def cut(self) -> FollowedCut:
