@@ -38,6 +38,7 @@ from ph_post.version import package_version
 
 _O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
 _BEGINS: Final = re.compile(rb"^\s*(?:\d+\s+)?BEGIN\s+PGM\b", re.IGNORECASE)
+_COMMENT: Final = re.compile(r"\([^)]*\)|;.*")
 _PATH: Final = re.compile(rb"^\s*;\s*\$PATH=")
 """The folder of a SINUMERIK program, which stands right behind its name."""
 
@@ -304,12 +305,16 @@ def head_line(program: PartProgram) -> int:
 
 
 def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
-    """Refuse lines longer than both the dialect's limit and the program's longest."""
-    most = max(dialect.syntax.max_line + len("\r\n"), int(np.diff(program.lines).max()))
+    """Refuse lines longer than both the dialect's limit and the program's longest.
+
+    Where the program's own are longer than the limit, comments do not count there.
+    """
+    limit, own = dialect.syntax.max_line + len("\r\n"), int(np.diff(program.lines).max())
     lines = split_lines(sealed(out))
-    long = np.flatnonzero(np.diff(lines) > most)
-    if long.size:
-        text = out[lines[long[0]] : lines[long[0] + 1]].tobytes().decode("latin-1").strip()
+    for line in np.flatnonzero(np.diff(lines) > max(limit, own)).tolist():
+        text = out[lines[line] : lines[line + 1]].tobytes().decode("latin-1").strip()
+        if own > limit and len(_COMMENT.sub("", text)) <= dialect.syntax.max_line:
+            continue
         raise InputError(
             program.name,
             f"a line comes out too long for {dialect.name}",

@@ -281,6 +281,11 @@ def test_a_line_that_comes_out_too_long_is_refused() -> None:
         compensate(text.encode(), STEPPER, dialect="grbl")
 
 
+def test_a_line_may_grow_whose_comment_makes_it_longer_than_the_controller_s_line() -> None:
+    text = START + "G1X10 ;" + "x" * 90 + "\nX0\nM2\n"
+    assert "G1X10.03 ;" in compensate(text.encode(), STEPPER, dialect="grbl").text.decode()
+
+
 def test_numbers_keep_their_manner() -> None:
     text = START + "X+.5\nX 1 0.\nX-0.010\nX007.5\nX-.01\nX.0\nX20\nx+0.00\nG1 X10.00000\nM2\n"
     found = compensate(text.encode(), STEPPER)
