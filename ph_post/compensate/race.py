@@ -32,7 +32,7 @@ from ph_post.compensate.prove import (
     without_design,
 )
 from ph_post.compensate.sizes import Sizes
-from ph_post.compensate.slower import passing_ratios, spent
+from ph_post.compensate.slower import Passages, spent
 from ph_post.compensate.standstill import added_standing
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult, require_loop, traits_of
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP, find_strategy, strategy_names
@@ -88,6 +88,9 @@ LESS: Final = 0.5
 
 LEAST_UNIT: Final = 0.1
 """Part of what passing turning points slower was reckoned to take, as which it counts at least."""
+
+RAMPS: Final = 3.0
+"""Times what the low feed itself takes that passing a turning point slower takes with its ramps, about."""
 
 SLOWER_TRIES: Final = 3
 """Plans in which turning points are passed slower, as slow as the time allows."""
@@ -392,37 +395,50 @@ class _Race:
         return winner if found is None or not self._beats(found, winner, tried) else found
 
     def _slower(self, winner: Runner, ranked: Sequence[Runner], tried: Sequence[Scenario]) -> Runner:
-        """Try the winner, and the quickest plan of its kind, with less feed where the errors are largest."""
-        quickest = min((one for one in ranked if one.planner is winner.planner), key=lambda one: plan_time(one.plan))
-        for runner in (winner, *([] if quickest.result is winner.result else [quickest])):
-            found = self._slowed(self._measured(runner, tried), tried)
-            if found is not None and self._beats(found, winner, tried):
-                proven = self._proof(found, tried)
-                winner = proven if proven is not None and self._beats(proven, winner, tried) else winner
-        return winner
+        """Try the winner, or the quickest plan of its kind, with less feed where the errors are largest.
 
-    def _slowed(self, runner: Runner, tried: Sequence[Scenario]) -> Runner | None:
-        """Pass turning points slower in a plan, with the time that it leaves; None where that makes it no better."""
-        planner, requests = runner.planner, runner.result.requests
-        room, feed = planner.baseline.feed_planner.room, planner.baseline.feed
-        time = SPARE * (planner.longest - plan_time(runner.plan))
-        if room is None or not requests or time <= 0.0:
-            return None
+        The one is taken that promises more, if it promises less error than the winner has.
+        """
+        room = winner.planner.baseline.feed_planner.room
+        if room is None or not winner.result.requests:
+            return winner
+        quickest = min((one for one in ranked if one.planner is winner.planner), key=lambda one: plan_time(one.plan))
+        unit = RAMPS * PASSING * room.window.spacing
+        starts = [(one, self._passages(one, tried)) for one in dict.fromkeys((winner, quickest))]
+        runner, passages = min(starts, key=lambda start: start[1].promised(unit))
+        if math.log(float(starts[0][1].error.max()) / passages.promised(unit)) <= CLOSE:
+            return winner
         self.progress("passing turning points slower")
-        error = self._places(runner, few_scenarios(tried)).max
-        usual = np.array([feed.at(window.s) for window in planner.analysis.windows])
-        pairs = zip(requests, runner.plan.profiles, strict=True)
+        found = self._slowed(self._measured(runner, tried), passages, unit, tried)
+        if found is None or not self._beats(found, winner, tried):
+            return winner
+        proven = self._proof(found, tried)
+        return winner if proven is None or not self._beats(proven, winner, tried) else proven
+
+    def _passages(self, runner: Runner, tried: Sequence[Scenario]) -> Passages:
+        """Return what is to be known of the turning points of a plan to pass them slower."""
+        feed = runner.planner.baseline.feed
+        usual = np.array([feed.at(window.s) for window in runner.planner.analysis.windows])
+        pairs = zip(runner.result.requests, runner.plan.profiles, strict=True)
         free = np.array([not (one.stop or profile) for one, profile in pairs]) & (usual > 0.0)
-        slowest = np.minimum((planner.options.min_feed or 0.0) / np.where(free, usual, np.inf), 1.0)
-        least = max(ENOUGH * float(self._plain(tried)[:, 0].max()), FLOOR)
-        unit, best, before = PASSING * room.window.spacing, None, np.ones(error.size)
+        return Passages(
+            error=self._places(runner, few_scenarios(tried)).max,
+            free=free,
+            slowest=np.minimum((self.planner.options.min_feed or 0.0) / np.where(free, usual, np.inf), 1.0),
+            time=SPARE * (runner.planner.longest - plan_time(runner.plan)),
+            least=max(ENOUGH * float(self._plain(tried)[:, 0].max()), FLOOR),
+        )
+
+    def _slowed(self, runner: Runner, passages: Passages, unit: float, tried: Sequence[Scenario]) -> Runner | None:
+        """Pass turning points slower in a plan, with the time that it leaves; None where that makes it no better."""
+        best, before = None, np.ones(passages.error.size)
         for _ in range(SLOWER_TRIES):
-            ratios = np.maximum(passing_ratios(error, free, time, unit, least), slowest)
+            ratios = passages.ratios(unit)
             if np.array_equal(ratios, before):
                 break
             before = ratios
-            slower = [replace(one, slowed=ratio) for one, ratio in zip(requests, ratios.tolist(), strict=True)]
-            found = self._replanned(runner, slower)
+            requests = zip(runner.result.requests, ratios.tolist(), strict=True)
+            found = self._replanned(runner, [replace(one, slowed=ratio) for one, ratio in requests])
             if found is None:
                 break
             taken = plan_time(found.plan) - plan_time(runner.plan)
@@ -433,7 +449,7 @@ class _Race:
             if not self._beats(found, best or runner, tried):
                 break
             best = found
-            if taken >= NEARLY * time:
+            if taken >= NEARLY * passages.time:
                 break
         return best
 

@@ -7,7 +7,7 @@ where a path has no room for a profile the feed can be lowered all the same.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,28 @@ was seen to go with the 0.75th power of the speed, between a tenth and all of it
 
 SLOWEST: Final = 0.1
 """Part of the feed below which a turning point is not passed."""
+
+
+class Passages(NamedTuple):
+    """Turning points of a plan that may be passed slower: `error` [m] and whether each is `free`.
+
+    `slowest` is the least part of their feed, `time` [s] what it may take in all, and `least` [m] an error below which
+    less is no better.
+    """
+
+    error: Array
+    free: BoolArray
+    slowest: Array
+    time: float
+    least: float
+
+    def ratios(self, unit: float) -> Array:
+        """Return the parts of their feed to pass them with, where a half takes the time `unit` [s]."""
+        return np.maximum(passing_ratios(self.error, self.free, max(self.time, 0.0), unit, self.least), self.slowest)
+
+    def promised(self, unit: float) -> float:
+        """Return the largest error that is expected with these [m]."""
+        return float(np.max(np.maximum(self.error, self.least) * self.ratios(unit) ** (1.0 / SPEED_LAW)))
 
 
 def passing_ratios(error: Array, free: BoolArray, time: float, unit: float, least: float) -> Array:
