@@ -5,7 +5,7 @@ plain program, LinuxCNC's own BACKLASH, stops with a dwell at each reversal, and
 
     python -m tests.long.crossings --out tests/long/crossings.json
 
-All of it takes an hour or two; `crossings.json` names what it tried.
+With `--short` it takes some ten minutes; `crossings.json` is of such a run.
 """
 
 from __future__ import annotations
