@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from long.claims import run_table
+from msgspec.structs import replace
 from support.motions import look, worst_use
+from support.random_jobs import random_job
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate.offsets import command_of, plan_time
@@ -129,3 +131,15 @@ def test_what_is_too_long_to_be_sampled_is_no_rival(those: str, monkeypatch: pyt
     found = planned(analysis_of("circle", "stepper"), "auto", effort=0.001)
     assert len(tries) > 3
     assert bool(found.crossings) == (those == "first")
+
+
+def test_plans_are_raced_where_only_the_feed_may_be_changed() -> None:
+    """A slot on whose plain motion the search finds nothing better, and a dip of the feed does."""
+    job = random_job(88, 77)
+    assert job.options.feed_only
+    analysis = look(job.path, job.machine)
+    auto, dwell = (
+        make_plan(analysis, replace(job.options, strategy=one, effort=0.01, inverse_dynamics=one == "auto"))
+        for one in ("auto", "dwell")
+    )
+    assert error(auto, analysis)[0] <= 1.05 * error(dwell, analysis)[0]
