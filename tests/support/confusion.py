@@ -9,6 +9,7 @@ import json
 import random
 import time
 import traceback
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -19,7 +20,7 @@ import click
 from tests.support.plants.cases import Case
 from tests.support.plants.draw import CHANNEL_SETS
 from tests.support.plants.ranks import tell_apart
-from tests.support.plants.score import Result, answered, judge, summary
+from tests.support.plants.score import Result, answered, class_of, judge, near, summary
 from tests.support.plants.sizes import LEADING
 from tests.support.plants.trials import LOOPS, SINGLE_LOOPS, Trial, nothings, outsiders, pairs, singles
 
@@ -182,6 +183,25 @@ def tell(results: Path, cache: Path | None) -> None:
         if kept is not None and kept.exists():
             result["apart"] = json.loads(kept.read_text())
     click.echo(summary(known.values()))
+
+
+@main.command()
+@click.argument("results", type=click.Path(path_type=Path, exists=True))
+@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="Summary, JSON.")
+def count(results: Path, out: Path) -> None:
+    """Write how many of each kind were answered how, and which were not right."""
+    known = read_results(results)
+    words: dict[str, Counter[str]] = defaultdict(Counter)
+    for result in known.values():
+        words[class_of(result) if result["kind"] == "single" else result["kind"]][answered(result)] += 1
+    good = [r for r in known.values() if answered(r) == "right" and r["kind"] in ("single", "pair")]
+    told = {
+        "cases": len(known),
+        "answers": {kind: dict(counted.most_common()) for kind, counted in sorted(words.items())},
+        "right, within 10 %": [sum(map(near, good)), len(good)],
+        "not right": {key: answered(r) for key, r in sorted(known.items()) if answered(r) != "right"},
+    }
+    out.write_text(json.dumps(told, indent=1) + "\n")
 
 
 if __name__ == "__main__":
