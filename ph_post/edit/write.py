@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import re
 from collections.abc import Iterable
+from fractions import Fraction
 from typing import Final
 
 import msgspec
@@ -57,6 +58,9 @@ FIXED: Final = "holds where rotary axes do not move X, Y and Z, nor hold the tip
 
 _LARGEST: Final = 10**13
 """Numbers of more digits than this would not survive the sum with an offset."""
+
+FINEST: Final = 9
+"""Decimals of a number of more digits that stay: a millionth of a micrometre."""
 
 
 class ShiftedNumbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -186,27 +190,33 @@ def _restores(text: bytes, program: PartProgram) -> bool:
 def shifted_numbers(program: PartProgram, changed: ShiftedWords, decimals: int, least: int) -> ShiftedNumbers:
     """Add to every number the shift of its word, with at least `least` decimals."""
     words, word = program.words, changed.word
-    if word.size:
-        _check_digits(program, word)
     table, number = _distinct(changed.delta)
     delta = np.array([_trimmed(count, decimals, least) for count in table.tolist()], dtype=np.int64).reshape(-1, 2)
-    columns = words.start, words.end, words.digits, words.decimals
+    digits, places, many = _rounded_digits(program, word)
+    columns = words.start, words.end, digits, places
     data = np.frombuffer(program.data, np.uint8)
     pool, bounds, style, odd = shift_numbers(data, columns, word, number, delta)
+    odd[np.isin(word, many)] = 1
     pairs = tuple((int(steps), int(places)) for steps, places in delta.tolist())
     return ShiftedNumbers(word=word, number=number, pool=pool, bounds=bounds, style=style, odd=odd, delta=pairs)
 
 
-def _check_digits(program: PartProgram, word: IntArray) -> None:
-    digits, decimals = program.words.digits[word], program.words.decimals[word]
-    if np.abs(digits).max() > _LARGEST or decimals.max() > MOST_DECIMALS:
-        worst = np.argmax((np.abs(digits) > _LARGEST) | (decimals > MOST_DECIMALS))
-        where = f"{program.name}:{program.words.block[word[worst]] + 1}"
-        raise InputError(
-            where,
-            "the number has too many digits to add an offset",
-            expected=f"<= {len(str(_LARGEST)) - 1} digits, <= {MOST_DECIMALS} decimals",
-        )
+def _rounded_digits(program: PartProgram, word: IntArray) -> tuple[IntArray, NDArray[np.int16], IntArray]:
+    """Digits and decimals of all words, and the words of so many that no offset can be added: without the last ones."""
+    digits, decimals = program.words.digits, program.words.decimals
+    many = word[(np.abs(digits[word]) > _LARGEST) | (decimals[word] > MOST_DECIMALS)]
+    if not many.size:
+        return digits, decimals, many
+    digits, decimals = digits.copy(), decimals.copy()
+    for one in many.tolist():
+        places = FINEST if decimals[one] > FINEST else int(decimals[one])
+        count = round(Fraction(int(digits[one]), 10 ** (int(decimals[one]) - places)))
+        if abs(count) > _LARGEST:
+            where = f"{program.name}:{program.words.block[one] + 1}"
+            expected = f"<= {len(str(_LARGEST)) - 1} digits"
+            raise InputError(where, "the number has too many digits to add an offset", expected=expected)
+        digits[one], decimals[one] = count, places
+    return digits, decimals, many
 
 
 def _distinct(delta: IntArray) -> tuple[IntArray, ByteArray]:

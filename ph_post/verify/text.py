@@ -30,6 +30,9 @@ _CENTRES = b"IJK"
 _POWERS = 18
 """The largest power of ten that an int64 holds."""
 
+_ROUNDED = 9
+"""Decimals that are left of a number with so many that nothing can be added to them."""
+
 _SAFE = 2.0**61
 """Scaled numbers below this fit an int64 with room for their difference."""
 
@@ -185,7 +188,7 @@ def _check_amounts(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) 
 def _differ_by(
     case: VerifyCase, pairs: _Pairs, amount: DeclaredLength, steps: tuple[int, ...], unit: float
 ) -> BoolArray:
-    """Mask of words that differ by one of the multiples of the amount, to the last digit."""
+    """Mask of words that differ by one of the multiples of the amount, to the last digit, or the last that is left."""
     one, other = case.original.words, case.compensated.words
     if unit != amount.unit:
         grid = 0.5 * 10.0 ** -(case.declared.decimals or 0) * max(unit, MM)
@@ -199,13 +202,17 @@ def _differ_by(
     largest = np.maximum(np.abs(one.value[pairs.old]), np.abs(other.value[pairs.new])) + float(amount.number)
     fits = (decimals <= _POWERS) & (largest * 10.0 ** np.minimum(decimals, _POWERS) < _SAFE)
     scale = np.where(fits, decimals, _POWERS)
+    rounded = (before > _ROUNDED) & (after == _ROUNDED)
     with np.errstate(over="ignore"):
         way = other.digits[pairs.new] * 10 ** np.maximum(scale - after, 0)
         way = np.abs(way - one.digits[pairs.old] * 10 ** np.maximum(scale - before, 0))
-        right = fits & np.any([way == step * number * 10 ** (scale - places) for step in steps], axis=0)
+        spare = np.where(rounded, 10 ** np.maximum(scale - _ROUNDED, 0) // 2, 0)
+        off = [np.abs(way - step * number * 10 ** (scale - places)) for step in steps]
+        right = fits & (np.min(off, axis=0) <= spare)
     for place in np.flatnonzero(~fits).tolist():
-        way_there = _difference(case, int(pairs.old[place]), int(pairs.new[place]))
-        right[place] = abs(way_there) in [step * amount.number for step in steps]
+        way_there = abs(_difference(case, int(pairs.old[place]), int(pairs.new[place])))
+        most = Decimal(5).scaleb(-_ROUNDED - 1) if rounded[place] else 0
+        right[place] = min(abs(way_there - step * amount.number) for step in steps) <= most
     return np.asarray(right)
 
 

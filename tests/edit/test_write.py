@@ -16,6 +16,7 @@ from ph_post.edit.undo import undo
 from ph_post.errors import InputError
 from ph_post.gcode.program import RAPID
 from ph_post.gcode.read import read_program
+from ph_post.verify.verify import verify
 
 MM = 1e-3
 STEPPER = read_machine("stepper")
@@ -284,6 +285,14 @@ def test_a_line_that_comes_out_too_long_is_refused() -> None:
 def test_a_line_may_grow_whose_comment_makes_it_longer_than_the_controller_s_line() -> None:
     text = START + "G1X10 ;" + "x" * 90 + "\nX0\nM2\n"
     assert "G1X10.03 ;" in compensate(text.encode(), STEPPER, dialect="grbl").text.decode()
+
+
+def test_numbers_of_a_float_s_digits_are_shifted_and_come_back() -> None:
+    text = START + "G1 X5 Y0.15000000000000002\nX0.30000000000000004 Y-0.1\nX5\nM2\n"
+    found = compensate(text.encode(), STEPPER)
+    assert "X5.03 Y0.190000000" in found.text.decode()
+    assert undo(found.text, "part.ngc") == text.encode()
+    assert verify(found.program, read_program(found.text, "part.ngc"), tolerance=1e-6).failures == ()
 
 
 def test_numbers_keep_their_manner() -> None:
