@@ -13,19 +13,24 @@ from msgspec.structs import replace
 from ph_post.analysis.certification import Certificate
 from ph_post.analysis.certification import certify as certify_turning_points
 from ph_post.analysis.path_analysis import Analysis
-from ph_post.api.inputs import Job, Source, analyse_job, any_machine, machine_warnings
+from ph_post.api.compared_programs import compare_programs
+from ph_post.api.crossed_paths import crosses_on_the_fly
+from ph_post.api.inputs import Job, Source, analyse_job, any_machine, machine_warnings, raw_job
 from ph_post.api.options import CompensateOptions
+from ph_post.api.outcomes import Compensation
 from ph_post.api.results import PlannedMotion
 from ph_post.compensate.comparison import Contender, compare_strategies, describe_violation, without_backlash
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
+from ph_post.compensate.strategies.registry import default_strategy
 from ph_post.compensate.violations import Violation, check_command
 from ph_post.drive.axes import check_axes, gravity_notes
 from ph_post.drive.intervals import IntervalTable
 from ph_post.edit.edits import TOLERANCE
 from ph_post.errors import OptionsError
-from ph_post.files.storage import write_atomically
+from ph_post.files.storage import SourceBytes, is_program, write_atomically
 from ph_post.files.table import FORMATS, log_content, read_table, require_path
+from ph_post.gcode.program import PartProgram
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate import machine as simulated
 from ph_post.simulate.assess import Assessment, assess, scenario_words, scenarios
@@ -374,14 +379,17 @@ def _caveats(command: Command, machine: Machine) -> Iterator[str]:
 class StrategyComparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """All strategies on one path and machine, as :func:`compare` runs them.
 
-    `strategies` begin with the plain program. `error_without_gap` [m] is the plain program's contour error
-    without any backlash. `notes` say what of a part program is not in its path, `caveats` what else has to be
-    known.
+    `name` is that of the job. `strategies` begin with the plain program. `error_without_gap` [m] is the plain program's
+    contour error without any backlash. Of plans of a path there is its `analysis`, of programs that were run on their
+    controller what is `written` by the strategy that chooses. `notes` say what of a part program is not in its path,
+    `caveats` what else has to be known.
     """
 
-    analysis: Analysis
+    name: str
     strategies: tuple[Contender, ...]
     error_without_gap: ContourError | None
+    analysis: Analysis | None = None
+    written: Compensation | None = None
     notes: tuple[str, ...] = ()
     caveats: tuple[str, ...] = ()
 
@@ -395,19 +403,21 @@ def compare(
     job: Job,
     machine: Machine | Source,
     *,
-    output: PlanOutput = "table",
+    output: PlanOutput | None = None,
     progress: Progress = no_progress,
     **planning: Any,
 ) -> StrategyComparison:
-    """Plan and simulate every strategy on a path, the plain program first.
+    """Plan and simulate every strategy on a job, the plain program first.
 
     Parameters
     ----------
     job : Path, PartProgram, str or path
-        Of a part program the longest path.
+        A table is that of a part program's longest path.
     machine : Machine, str or path
     output : {"table", "program"}, optional
-        Plan as for an interpolator table, or as for a part program.
+        What the strategies make: by default a part program of a part program, and of a path an interpolator table.
+        Programs are what :func:`ph_post.compensate` writes; where axes cross their backlash on the fly, each is run on
+        a model of its controller.
     progress : callable, optional
         Called with the name of every stage.
     **planning
@@ -432,12 +442,35 @@ def compare(
     ('none', 'auto')
     """
     how = CompensateOptions(**planning)
-    analysis, notes = _analysed(job, machine, how, progress)
+    raw = raw_job(job)
+    of_program = isinstance(job, PartProgram) or (isinstance(raw, SourceBytes) and is_program(raw))
+    if output == "program" or (output is None and of_program):
+        analysed = None if of_program else _analysed(raw, machine, how, progress)[0]
+        chooses = replace(how, strategy=default_strategy(described=False))
+        if analysed is None or crosses_on_the_fly(analysed.path.axes, _machine_of(analysed), chooses):
+            return _programs_compared(raw, machine, how, progress)
+    output = output or "table"
+    analysis, notes = _analysed(raw, machine, how, progress)
     contenders = compare_strategies(analysis, lambda name: replace(how, strategy=name).plan(output), progress)
     return StrategyComparison(
-        analysis=analysis,
+        name=analysis.path.name,
         strategies=contenders,
         error_without_gap=without_backlash(analysis, contenders[0]),
+        analysis=analysis,
         notes=notes,
         caveats=(*analysis.path.remarks, *machine_warnings(_machine_of(analysis), analysis.path.axes)),
+    )
+
+
+def _programs_compared(
+    job: Path | SourceBytes, machine: Machine | Source, how: CompensateOptions, progress: Progress
+) -> StrategyComparison:
+    """Compare the strategies by the programs that they write."""
+    found = compare_programs(job, machine, how, progress)
+    return StrategyComparison(
+        name=job.name,
+        strategies=found.contenders,
+        error_without_gap=found.error_without_gap,
+        written=found.written,
+        caveats=found.warnings,
     )

@@ -39,7 +39,7 @@ from ph_post.edit.preconditions import require_tool
 from ph_post.edit.reversal_search import section_words
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.undo import original_of
-from ph_post.edit.window_plans import WindowEdits, WindowPlan, plan_windows, shifts_axes
+from ph_post.edit.window_plans import PlannedWindows, WindowPlan, edit_windows, plan_windows, shifts_axes
 from ph_post.edit.write import apply_edits, declare
 from ph_post.errors import InputError
 from ph_post.gcode.paths import ProgramPath, paths_of
@@ -205,36 +205,37 @@ class _EditPlanner:
         self.offsets_axes = behind > 0
         self._share = behind / max(len(loops), 1)
         self._has_windows = behind < len(loops)
+        self._planned: tuple[float, PlannedWindows] | None = None
+        self.windows: tuple[WindowPlan, ...] = ()
+        """The plans of axes with backlash inside the loop, those of the last edits."""
 
     @cached_property
-    def _window_edits(self) -> WindowEdits | None:
-        if not self._has_windows:
-            return None
+    def _paths(self) -> tuple[ProgramPath, ...]:
         self._progress("fitting the path")
-        edit, plan = self._request.edit, self._request.plan
-        return plan_windows(
-            self._program,
-            paths_of(self._program),
-            self.machine,
-            replace(plan, max_slowdown=plan.max_slowdown * (1.0 - self._share)),
-            edit.tolerance,
-            self._progress,
-            edit.block_time,
-        )
+        return paths_of(self._program)
 
-    @property
-    def windows(self) -> tuple[WindowPlan, ...]:
-        """The plans of axes with backlash inside the loop."""
-        return () if self._window_edits is None else self._window_edits.plans
+    def _windows(self, max_slowdown: float) -> PlannedWindows:
+        """Plan the axes with backlash inside the loop; the last plan is kept for the next time."""
+        if self._planned is None or self._planned[0] != max_slowdown:
+            plan = replace(self._request.plan, max_slowdown=max_slowdown * (1.0 - self._share))
+            tolerance, progress = self._request.edit.tolerance, self._progress
+            found = plan_windows(self._program, self._paths, self.machine, plan, tolerance, progress)
+            self._planned = max_slowdown, found
+        return self._planned[1]
 
     def plan(self, options: EditOptions) -> Edits:
-        """Return the edits; `options` bound those of the offsets."""
+        """Return the edits within the bounds of the options."""
         edits = Edits(offset=frozen(np.zeros((self._program.motions.kind.size, 3))))
         if self.offsets_axes:
             self._progress("planning offsets")
             share = replace(options, max_slowdown=options.max_slowdown * self._share)
             edits = plan_offsets(self._program, self.machine, self.dialect, share)
-        return edits if self._window_edits is None else merge_edits(edits, self._window_edits.edits)
+        self.windows = ()
+        if not self._has_windows or options.max_slowdown < 0.0:
+            return edits
+        found = edit_windows(self._program, self._windows(options.max_slowdown), options)
+        self.windows = found.plans
+        return merge_edits(edits, found.edits)
 
 
 class _PlanSearch:
@@ -319,7 +320,11 @@ class _PlanSearch:
         assert made.motions is not None
         if made.verdict is None or not made.verdict.ok:
             return None if self._best is not None else self._without_failed(made, refused, options)
-        judged = compare_motions(*made.motions, made.edits.slowdown) if self._planner.offsets_axes else None
+        judged = compare_motions(*made.motions, made.edits.slowdown)
+        chooses = find_traits(self._request.plan.strategy).chooses
+        if judged is not None and not (chooses or self._planner.offsets_axes):
+            # Dips and stops that were asked for by name keep to the time; what they do to the part is told.
+            judged = replace(judged, worse=frozenset())
         if judged is None:
             self._best = self._best or made
             return None

@@ -13,21 +13,23 @@ from ph_post.cli import options
 @click.argument("source", metavar="IN")
 @options.machine
 @options.planning
-@options.carrier
+@options.carrier_of_job
 @options.plot("the errors")
 @options.common
 def command(source: str, machine: str, plot: str | None, as_json: bool, **how: Any) -> int:
-    """Plan and simulate every strategy on a path, the plain program first.
+    """Plan and simulate every strategy on a job, the plain program first.
 
-    Every strategy is planned with the options given here, as by `convert --table` (with --carrier program, as
-    by `convert -o`), and simulated in all cases that the machine file leaves open, as by `simulate`. The gain
-    is the largest error of the plain program over that of the strategy. The slowest feed is the lowest feed
-    while cutting: rapid moves, standstills and their ramps do not count. A strategy that refuses the job, or
-    exceeds a limit of the machine, is listed with the reason.
+    Of a part program every strategy writes its own, as by `convert -o`, which is run on a model of the controller; so
+    it is of a path with --carrier program. Else every strategy plans the path's table, as by `convert --table`. All
+    cases that the machine file leaves open are simulated, as by `simulate`. The gain is the largest error of the plain
+    program over that of the strategy. The slowest feed is the lowest feed while cutting: rapid moves, standstills and
+    their ramps do not count. A strategy that refuses the job, or exceeds a limit of the machine, is listed with the
+    reason.
 
     \b
     Examples:
       ph-post compare oval -m mill
+      ph-post compare part.ngc -m stepper
       ph-post compare part.json -m router.toml --allow-retrograde --max-slowdown 0.2 --json
       ph-post compare part.json -m stepper --carrier program
       ph-post compare circle -m paper --start moving --plot circle.png
@@ -55,7 +57,7 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
         found = ph.compare(source, machine, output=how["carrier"], progress=progress, **options.in_si(how))
         if plot is not None:
             progress("drawing")
-            picture = draw_comparison(found.analysis.path.name, found.strategies)
+            picture = draw_comparison(found.name, found.strategies)
             write_atomically({plot: write_figure(picture, plot)})
     if as_json:
         print_json(comparison_view(found))

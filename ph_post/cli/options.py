@@ -213,6 +213,12 @@ carrier = click.option(
     help="Plan for an interpolator table, or for a part program, which cannot hold everything that a table can.",
 )
 
+carrier_of_job = click.option(
+    "--carrier",
+    type=click.Choice(["table", "program"]),
+    help="Compare interpolator tables, or part programs; by default programs of a program, and tables of a path.",
+)
+
 
 def _picture(_ctx: click.Context, _parameter: click.Parameter, name: str | None) -> str | None:
     """Refuse a picture of another format before anything is worked out."""

@@ -24,6 +24,7 @@ from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress, prefixed
 from ph_post.simulate.assess import Assessment, assess, contour_errors
 from ph_post.simulate.contour import ContourError, Nominal
+from ph_post.simulate.controllers.deviation import ProgramError
 from ph_post.types import Array, BoolArray, Command, Crossing, Jog, Phase, Plan, Scenario, TurningPoint
 from ph_post.units import MM
 
@@ -110,7 +111,9 @@ class Contender(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """One strategy on the job.
 
     `ok` says whether what it makes can be run; `reason` why not. Where it refused the job, or no motion
-    was found inside the limits, there is nothing else.
+    was found inside the limits, there is nothing else. `chosen` holds the axis of every turning point, in order, and
+    what is done there; `error_gap` what backlash adds [m]. A program that was run on its controller has no `plan` and
+    no `command`.
     """
 
     name: str
@@ -119,7 +122,10 @@ class Contender(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     plan: Plan | None = None
     command: Command | None = None
     pace: MotionCost | None = None
-    assessment: Assessment | None = None
+    assessment: Assessment | ProgramError | None = None
+    error_gap: ContourError | None = None
+    chosen: tuple[tuple[str, str], ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def compare_strategies(
@@ -183,6 +189,9 @@ def _contender(analysis: Analysis, options: PlanOptions, nominal: Nominal, progr
         command=command,
         pace=cost_of(plan, command, analysis.track),
         assessment=assessment,
+        error_gap=assessment.error_gap,
+        chosen=chosen_in_order(plan),
+        warnings=plan.warnings,
     )
 
 
@@ -250,9 +259,20 @@ def strategy_at(plan: Plan, point: TurningPoint) -> str:
     return plan.crosses_by or plan.strategy if turns or crossings_at(plan, point) else PLAIN
 
 
-def chosen_at(plan: Plan) -> dict[str, list[int]]:
-    """Sort turning points by what a plan does there; those left alone are last, under "none"."""
+def chosen_in_order(plan: Plan) -> tuple[tuple[str, str], ...]:
+    """Return the axis of every turning point, in order, and what a plan does there."""
+    return tuple((point.axis, strategy_at(plan, point)) for point in plan.turning_points)
+
+
+def chosen_at(chosen: Sequence[tuple[str, str]]) -> dict[str, list[int]]:
+    """Sort the numbers of turning points by what is done there; those left alone are last, under "none".
+
+    Examples
+    --------
+    >>> chosen_at([("X", "none"), ("Y", "takeup"), ("X", "takeup")])
+    {'takeup': [1, 2], 'none': [0]}
+    """
     found: dict[str, list[int]] = {}
-    for point in plan.turning_points:
-        found.setdefault(strategy_at(plan, point), []).append(point.index)
+    for number, (_, strategy) in enumerate(chosen):
+        found.setdefault(strategy, []).append(number)
     return dict(sorted(found.items(), key=lambda item: (item[0] == PLAIN, item[0])))

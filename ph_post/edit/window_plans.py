@@ -12,13 +12,15 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis, analyse
+from ph_post.compensate.motion import cycle_time
+from ph_post.compensate.offsets import plan_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.drive.axes import has_backlash, with_gap
-from ph_post.edit.edits import DipEdit, Edits, StopEdit
+from ph_post.edit.edits import DipEdit, EditOptions, Edits, StopEdit
 from ph_post.edit.preconditions import blocked_chains, why_kept_whole, why_not_editable
-from ph_post.edit.reversals import chain_spans
+from ph_post.edit.reversals import chain_spans, section_spans
 from ph_post.edit.window_edits import UnchangedWindow, place_plan
 from ph_post.errors import TooLargeError
 from ph_post.gcode.paths import ProgramPath, line_words
@@ -27,7 +29,6 @@ from ph_post.geometry.curves import Composite
 from ph_post.geometry.joints import find_stops
 from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
-from ph_post.post.options import BLOCK_TIME
 from ph_post.progress import Progress, no_progress, prefixed
 from ph_post.types import Array, IntArray, Machine, Path, Plan, Segment, frozen
 
@@ -117,11 +118,18 @@ class WindowPlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     plan: Plan
 
 
+class PlannedWindows(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The plans of a program's windows, part by part, and warnings: what is not compensated."""
+
+    plans: tuple[WindowPlan, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
 class WindowEdits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """The edits of a program's windows, and the plan of each part that was planned."""
+    """The edits of a program's windows, and the plans that they were made of."""
 
     edits: Edits
-    plans: tuple[WindowPlan, ...]
+    plans: tuple[WindowPlan, ...] = ()
 
 
 def plan_windows(
@@ -131,13 +139,8 @@ def plan_windows(
     options: PlanOptions,
     tolerance: float,
     progress: Progress = no_progress,
-    block_time: float = BLOCK_TIME,
-) -> WindowEdits:
-    """Plan the windows of a program, and turn the plans into edits of its motions.
-
-    A full stop of the plan becomes a stop at its turning point, with a backlash take-up move; the
-    controller ramps to it by itself. A dip becomes blocks of a known time each. Where nothing is modulated,
-    nothing is changed. Rapids stay unchanged.
+) -> PlannedWindows:
+    """Plan the windows of a program.
 
     Parameters
     ----------
@@ -152,19 +155,10 @@ def plan_windows(
         ε of the windows [m].
     progress : Progress, optional
         Called with what is being done.
-    block_time : float, optional
-        Longest block of a dip [s].
-
-    Returns
-    -------
-    WindowEdits
-        `edits.warnings` name what is not compensated.
     """
-    edits = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
     troubles = why_not_editable(program)
     if troubles:
-        words = tuple(f"windows not compensated: {trouble}" for trouble in troubles)
-        return WindowEdits(edits=replace(edits, warnings=words), plans=())
+        return PlannedWindows(warnings=tuple(f"windows not compensated: {trouble}" for trouble in troubles))
     reasons, said = _reasons(program), []
     parts: list[_Part] = []
     for one in paths:
@@ -173,8 +167,6 @@ def plan_windows(
             said.append(f"{_where(program, one)}: windows not compensated: {reasons[one.chain]}")
         else:
             parts += found
-    stops: list[StopEdit] = []
-    dips: list[DipEdit] = []
     plans: list[WindowPlan] = []
     for part, chosen in zip(parts, _shared_out(options, parts), strict=True):
         where = _where(program, part.path)
@@ -186,18 +178,60 @@ def plan_windows(
         except TooLargeError as error:
             said.append(f"{where}: windows not compensated: {error}")
             continue
-        made = WindowPlan(path=part.path, analysis=analysis, plan=plan)
+        plans.append(WindowPlan(path=part.path, analysis=analysis, plan=plan))
+    return PlannedWindows(plans=tuple(plans), warnings=tuple(said))
+
+
+def edit_windows(program: PartProgram, planned: PlannedWindows, options: EditOptions) -> WindowEdits:
+    """Turn the plans of windows into edits of a program's motions.
+
+    A full stop of a plan becomes a stop at its turning point, with a backlash take-up move; the controller ramps to it
+    by itself. A dip becomes blocks of a known time each. Where nothing is modulated, nothing is changed. Rapids stay
+    unchanged.
+
+    Parameters
+    ----------
+    program : PartProgram
+    planned : PlannedWindows
+    options : EditOptions
+        Plans in sections that are to be `left` make no edits.
+
+    Returns
+    -------
+    WindowEdits
+        `edits.warnings` name what is not compensated.
+    """
+    low, high = section_spans(program.motions)
+    left = sorted(options.left)
+    kept = [one for one in planned.plans if not _touches(one.path, low[left], high[left])]
+    said = list(planned.warnings)
+    # Their bound is a part of the plain motions' time as it is planned.
+    plain = sum(cycle_time(one.plan.nominal) for one in planned.plans)
+    added = sum(plan_time(one.plan) - cycle_time(one.plan.nominal) for one in kept)
+    stops: list[StopEdit] = []
+    dips: list[DipEdit] = []
+    for made in kept:
         whole = partial(why_kept_whole, program, shared=False)
-        done = place_plan(program.motions, part.path, made.plan, block_time, whole)
+        done = place_plan(program.motions, made.path, made.plan, options.block_time, whole)
         stops += done.stops
         dips += done.dips
-        plans.append(made)
-        said += [f"{where}: {word}" for word in made.plan.warnings]
+        said += [f"{_where(program, made.path)}: {word}" for word in made.plan.warnings]
         said += [_words(program, made, left) for left in done.left]
-    edits = replace(
-        edits, stops=tuple(stops), dips=tuple(dips), pulse=_pulses(stops), warnings=tuple(dict.fromkeys(said))
+    edits = Edits(
+        offset=frozen(np.zeros((program.motions.kind.size, 3))),
+        stops=tuple(stops),
+        dips=tuple(dips),
+        pulse=_pulses(stops),
+        slowdown=added / plain if plain > 0.0 else 0.0,
+        warnings=tuple(dict.fromkeys(said)),
     )
-    return WindowEdits(edits=edits, plans=tuple(plans))
+    return WindowEdits(edits=edits, plans=tuple(kept))
+
+
+def _touches(path: ProgramPath, low: IntArray, high: IntArray) -> bool:
+    """Return whether a path has a motion in one of the spans from `low` to before `high`."""
+    motion = path.motion[:, None]
+    return bool(((motion >= low) & (motion < high)).any())
 
 
 class _Part(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -27,6 +27,7 @@ from ph_post.report.figures import (
 from ph_post.report.result_line import result_lines
 from ph_post.report.traces import DrawnMotion, Picture
 from ph_post.simulate.assess import Assessment
+from ph_post.simulate.controllers.deviation import ProgramError
 from ph_post.types import Array, BoolArray, IntArray, Run
 from ph_post.units import MICROMETRE, MM, MM_PER_MIN
 
@@ -137,18 +138,24 @@ def draw_comparison(name: str, contenders: Sequence[Contender]) -> Figure:
     for number, one in enumerate(contenders):
         if one.ok and one.assessment is not None:
             _draw_along(right, one.name, one.assessment, COLOURS[number % len(COLOURS)])
-        if one.assessment is not None:
+        if isinstance(one.assessment, Assessment):
             right.set(ylabel=_error_label(one.assessment.run))
+        elif one.assessment is not None:
+            right.set(ylabel="contour error [µm]")
     right.set(xlabel="along the path [mm]")
     legend_above(right, columns=4)
     figure.suptitle(name)
     return figure
 
 
-def _draw_along(axes: Axes, name: str, assessment: Assessment, colour: str) -> None:
-    counted = slice(assessment.first, None)
-    s, error = assessment.run.s[counted] / MM, assessment.nearest.error[counted] / MICROMETRE
-    axes.plot(s, error, color=colour, linewidth=1.0, label=name)
+def _draw_along(axes: Axes, name: str, assessment: Assessment | ProgramError, colour: str) -> None:
+    if isinstance(assessment, Assessment):
+        counted = slice(assessment.first, None)
+        s, error = assessment.run.s[counted], assessment.nearest.error[counted]
+    else:
+        # Where nothing is cut there is a break in the line.
+        s, error = assessment.place, np.where(assessment.counted, assessment.distance, np.nan)
+    axes.plot(s / MM, error / MICROMETRE, color=colour, linewidth=1.0, label=name)
 
 
 def _draw_bars(axes: Axes, contenders: Sequence[Contender]) -> None:

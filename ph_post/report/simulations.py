@@ -8,16 +8,16 @@ from typing import Final
 
 from ph_post.api.motion import Simulation, StrategyComparison
 from ph_post.api.results import PlannedMotion
-from ph_post.compensate.comparison import Contender, chosen_at
+from ph_post.compensate.comparison import Contender
 from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.quantities import NOTHING, micrometres, millimetres, seconds
-from ph_post.report.result_line import ResultSummary, result_lines, summarize_plans, summary_view
+from ph_post.report.result_line import ResultSummary, result_lines, summarize, summarize_plans, summary_view
 from ph_post.report.tables import chosen_words, format_table
 from ph_post.report.views import View
 from ph_post.simulate.assess import Assessment, scenario_words
 from ph_post.simulate.contour import ContourError, TurningError
-from ph_post.types import Event, Plan, Scenario, TurningPoint
+from ph_post.types import Event, Scenario, TurningPoint
 from ph_post.units import MM, MM_PER_MIN
 
 COLUMN_NOTES = (
@@ -143,7 +143,8 @@ def comparison_lines(found: StrategyComparison) -> Iterator[str]:
     yield comparison_table(found.strategies)
     if found.error_without_gap is not None:
         size = micrometres(found.error_without_gap.max)
-        yield f"without backlash the error of the plain program would be {size} µm: servo lag"
+        why = "servo lag" if found.written is None else "servo lag and the controller's own path"
+        yield f"without backlash the error of the plain program would be {size} µm: {why}"
     yield from COLUMN_NOTES
     yield from (f"refused {one.name}: {one.reason}" for one in found.strategies if not one.ok)
     yield from choices(found.strategies)
@@ -154,6 +155,10 @@ def comparison_lines(found: StrategyComparison) -> Iterator[str]:
 
 def comparison_result(found: StrategyComparison) -> tuple[str, ResultSummary] | None:
     """Return the strategy that chooses, and the result from the plain program to what it makes of it."""
+    if found.written is not None:
+        return found.written.options.chosen_strategy, summarize(found.written, "program")
+    if found.analysis is None:
+        return None
     plain = found.strategies[0].plan
     chosen = next((one.plan for one in found.strategies if one.ok and find_traits(one.name).chooses), None)
     machine = found.analysis.machine
@@ -170,7 +175,7 @@ def _contender_view(one: Contender) -> View:
         "name": one.name,
         "error": None if found is None else error_view(found.error),
         "error_worst": None if found is None else error_view(found.error_worst),
-        "error_gap": None if found is None else error_view(found.error_gap),
+        "error_gap": error_view(one.error_gap),
         "cycle_time": None if pace is None else pace.cycle_time,
         "min_feed": slowest,
         "standstill_time": None if pace is None else pace.standstill_time,
@@ -178,15 +183,11 @@ def _contender_view(one: Contender) -> View:
         "peak_acceleration": None if pace is None else pace.peak_acceleration / MM,
         "ok": one.ok,
         "reason": one.reason or None,
-        "chosen": [] if one.plan is None else _chosen(one.plan),
-        "warnings": [] if one.plan is None else list(one.plan.warnings),
+        "chosen": [
+            {"index": number, "axis": axis, "strategy": strategy} for number, (axis, strategy) in enumerate(one.chosen)
+        ],
+        "warnings": list(one.warnings),
     }
-
-
-def _chosen(plan: Plan) -> list[View]:
-    """Return what a plan does at every turning point."""
-    named = {index: name for name, indices in chosen_at(plan).items() for index in indices}
-    return [{"index": point.index, "axis": point.axis, "strategy": named[point.index]} for point in plan.turning_points]
 
 
 def error_table(assessment: Assessment) -> str:
@@ -242,16 +243,16 @@ def comparison_table(contenders: Sequence[Contender]) -> str:
 
 def choices(contenders: Sequence[Contender]) -> list[str]:
     """List the choices of a strategy that chooses among others."""
-    return [f"{plan.strategy} chose {chosen_words(plan)}" for plan in _choosing(contenders)]
+    return [f"{one.name} chose {chosen_words(one.chosen)}" for one in _choosing(contenders) if one.chosen]
 
 
 def warnings_of_choice(contenders: Sequence[Contender]) -> list[str]:
     """Return the warnings of the strategy that chooses among others."""
-    return [f"{plan.strategy}: {text}" for plan in _choosing(contenders) for text in plan.warnings]
+    return [f"{one.name}: {text}" for one in _choosing(contenders) for text in one.warnings]
 
 
-def _choosing(contenders: Sequence[Contender]) -> list[Plan]:
-    return [one.plan for one in contenders if one.plan is not None and find_traits(one.name).chooses]
+def _choosing(contenders: Sequence[Contender]) -> list[Contender]:
+    return [one for one in contenders if find_traits(one.name).chooses]
 
 
 def _contender_cells(one: Contender, first: Contender) -> tuple[str, ...]:

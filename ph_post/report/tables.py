@@ -10,7 +10,7 @@ import msgspec
 
 from ph_post.analysis.path_analysis import Analysis, feed_at
 from ph_post.api.motion import Inspection
-from ph_post.compensate.comparison import chosen_at
+from ph_post.compensate.comparison import chosen_at, chosen_in_order
 from ph_post.compensate.motion import cycle_time
 from ph_post.compensate.offsets import plan_time
 from ph_post.compensate.options import PlanOutput
@@ -132,7 +132,7 @@ def print_plan(
 
 def plan_summary(plan: Plan, what: str = "") -> str:
     """Summarize a plan in one line: compensated reversals and cycle time; `what` as in :func:`print_plan`."""
-    chosen = chosen_at(plan)
+    chosen = chosen_at(chosen_in_order(plan))
     left = chosen.pop(PLAIN, [])
     done = sum(map(len, chosen.values()))
     kinds = ", ".join(f"{name} {len(indices)}" for name, indices in chosen.items())
@@ -158,12 +158,12 @@ def print_plans(plans: Mapping[PlanOutput, Plan], products: Iterable[str], said:
         print_plan(shown, products if last else (), name, said=said.get(what, ""))
 
 
-def chosen_words(plan: Plan) -> str:
-    """List the reversals of each strategy in one line.
+def chosen_words(chosen: Sequence[tuple[str, str]]) -> str:
+    """List the reversals of each strategy in one line, from the axis and strategy of each.
 
     Such as ``takeup at #0, #2; not compensated: #1, #3``.
     """
     return "; ".join(
         f"{'not compensated:' if name == PLAIN else f'{name} at'} {_numbers(indices)}"
-        for name, indices in chosen_at(plan).items()
+        for name, indices in chosen_at(chosen).items()
     )

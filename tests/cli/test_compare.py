@@ -153,6 +153,31 @@ def test_a_program_is_refused_what_it_cannot_carry(capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("job", ["program", "path"])
+def test_programs_are_compared_by_what_convert_tells_of_them(capsys, tmp_path, job):
+    source = str(ROOT / "samples" / "programs" / "pocket_grbl.ngc") if job == "program" else OVAL
+    given = (source, "-m", "stepper")
+    asked = () if job == "program" else ("--carrier", "program")
+    status, out, _ = run(capsys, "compare", *given, *asked, "--json")
+    assert status == 0
+    view = json.loads(out)
+    rows = {row["name"]: row for row in view["strategies"]}
+    for name in ("fly", "auto"):
+        output = ("-o", str(tmp_path / f"{name}.ngc"), "--strategy", name)
+        told = json.loads(run(capsys, "convert", *given, *output, "--json")[1])
+        row = rows[name]
+        assert row["error"] == pytest.approx(told["error"]["after"])
+        assert row["error_gap"]["max"] == pytest.approx(told["error_gap"]["after"]["max"])
+        assert row["cycle_time"] == pytest.approx(told["cycle_time"]["after"])
+        assert rows["none"]["error"] == pytest.approx(told["error"]["before"])
+        assert rows["none"]["cycle_time"] == pytest.approx(told["cycle_time"]["before"])
+        assert len(row["chosen"]) == told["reversals"]["all"]
+    assert view["result"]["result_line"] == told["result_line"]
+    # What dips and stops add to the time, the controller adds.
+    assert all(row["cycle_time"] < 1.106 * rows["none"]["cycle_time"] for row in rows.values() if row["ok"])
+
+
+@pytest.mark.slow
 def test_effects_that_do_not_act_are_named_once(capsys, tmp_path, hump):
     text = (ROOT / "samples" / "machines" / "router.toml").read_text()
     machine = tmp_path / "router.toml"

@@ -166,3 +166,20 @@ def test_it_is_as_exact_as_the_best_and_no_slower(kind: str, tmp_path: Path) -> 
     assert after[0] <= best + 1e3 * CHORDS, said
     assert after[1] <= best_rms + 1e3 * CHORDS, said
     assert time <= before + max(longer * before, 0.1), said
+
+
+def slot() -> list[str]:
+    lines = ["G0 X5 Y4", "G1 Z-1 F200", "G1 X35 F900", "G3 X36 Y5 I0 J1", "G1 Y19", "G3 X35 Y20 I-1 J0", "G1 X5"]
+    return [*lines, "G3 X4 Y19 I0 J-1", "G1 Y5", "G3 X5 Y4 I1 J0"]
+
+
+@pytest.mark.parametrize(("make", "allowed"), [(circle, 0.1), (slot, 0.1)])
+def test_stops_keep_to_the_time_that_the_controller_takes(
+    make: Callable[[], list[str]], allowed: float, tmp_path: Path
+) -> None:
+    text = "\n".join([*HEAD, *make(), "G0 Z5", "M2", ""])
+    file = tmp_path / "part.nc"
+    file.write_text(text, encoding="utf-8")
+    written = ph.compensate(file, machine(), strategy="dwell", max_slowdown=allowed).program().decode()
+    before, time = cycle_time(text), cycle_time(written)
+    assert before * 1.005 < time <= before * (1.0 + allowed + 0.01), f"{before:.2f} -> {time:.2f} s"

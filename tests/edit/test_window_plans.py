@@ -10,11 +10,11 @@ import pytest
 from msgspec.structs import replace
 from scipy.integrate import quad
 
-from ph_post.compensate.offsets import DWELL, LEAST
+from ph_post.compensate.offsets import DWELL, LEAST, plan_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.edits import DipEdit
-from ph_post.edit.window_plans import WindowEdits, plan_windows, planned_machine
+from ph_post.edit.edits import DipEdit, EditOptions
+from ph_post.edit.window_plans import WindowEdits, edit_windows, plan_windows, planned_machine
 from ph_post.gcode.paths import paths_of
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import read_program
@@ -42,7 +42,7 @@ def planned(text: str, machine: str | Machine, **how: object) -> WindowEdits:
     program = program_of(text)
     drives = read_machine(machine) if isinstance(machine, str) else machine
     options = PlanOptions(**{"strategy": "suppress", "effort": 0.02, **how})  # type: ignore[arg-type]
-    return plan_windows(program, paths_of(program), drives, options, 5e-6)
+    return edit_windows(program, plan_windows(program, paths_of(program), drives, options, 5e-6), EditOptions())
 
 
 def sampled(decimals: int = 3) -> str:
@@ -86,7 +86,8 @@ def test_blocks_last_no_longer_than_they_may_and_leave_no_slivers() -> None:
     drives = read_machine("mill")
     options = PlanOptions(strategy="suppress")
     for block_time in (2.0 * MS, 5.0 * MS, 12.0 * MS):
-        found = plan_windows(program, paths_of(program), drives, options, 5e-6, block_time=block_time)
+        plans = plan_windows(program, paths_of(program), drives, options, 5e-6)
+        found = edit_windows(program, plans, EditOptions(block_time=block_time))
         assert len(found.edits.dips) == 2
         for dip in found.edits.dips:
             assert dip.duration.max() <= block_time * (1.0 + 1e-9)
@@ -97,8 +98,7 @@ def test_blocks_last_no_longer_than_they_may_and_leave_no_slivers() -> None:
 
 
 def test_a_dip_ends_blocks_where_moves_end() -> None:
-    program = program_of(sampled())
-    found = plan_windows(program, paths_of(program), read_machine("mill"), PlanOptions(strategy="suppress"), 5e-6)
+    found = planned(sampled(), "mill", effort=1.0)
     for dip in found.edits.dips:
         inside = set(range(int(dip.motion[0]) + 1, int(dip.motion[-1])))
         ended = set(dip.motion[dip.share == 1.0].tolist())
@@ -229,7 +229,22 @@ def test_a_dip_that_is_shorter_than_a_block_at_an_end_of_a_motion_is_left_alone(
     program = program_of("G21 G90 G17\nG0 X-20 Y-20\nG1 X0 F1000\nG3 X20 Y0 I0 J20\nG3 X0 Y20 I-20 J0\nM2\n")
     options = PlanOptions(strategy="suppress", ratio=0.9, degree=10, t_star=20.0 * MS)
     for block_time, dips in ((10.0 * MS, 1), (100.0 * MS, 0)):
-        found = plan_windows(program, paths_of(program), read_machine("mill"), options, 5e-6, block_time=block_time)
+        plans = plan_windows(program, paths_of(program), read_machine("mill"), options, 5e-6)
+        found = edit_windows(program, plans, EditOptions(block_time=block_time))
         assert len(found.edits.dips) == dips
         short = [word for word in found.edits.warnings if "the dip would be shorter than a block" in word]
         assert len(short) == 1 - dips
+
+
+def test_plans_in_sections_that_are_to_be_left_make_no_edits() -> None:
+    text = SLOT.replace("M2\n", "") + "G0 X60 Y0\n" + "G1 X100 F1000\nG3 X100 Y20 I0 J10\nG1 X60\nM2\n"
+    program, drives = program_of(text), read_machine("mill")
+    plans = plan_windows(program, paths_of(program), drives, PlanOptions(strategy="dwell", effort=0.02), 5e-6)
+    whole = edit_windows(program, plans, EditOptions())
+    none = edit_windows(program, plans, EditOptions(left=frozenset({0, 1})))
+    assert whole.edits.stops
+    # The stops are the time of the plan beyond that of its plain motion.
+    (one,) = whole.plans
+    last = one.plan.nominal[-1]
+    assert whole.edits.slowdown == pytest.approx(plan_time(one.plan) / (last.start + last.duration) - 1.0)
+    assert (none.plans, none.edits.stops, none.edits.dips, none.edits.slowdown) == ((), (), (), 0.0)
