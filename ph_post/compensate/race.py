@@ -92,10 +92,10 @@ LEAST_UNIT: Final = 0.1
 RAMPS: Final = 3.0
 """Times what the low feed itself takes that passing a turning point slower takes with its ramps, about."""
 
-SLOWER_TRIES: Final = 3
+SLOWER_TRIES: Final = 2
 """Plans in which turning points are passed slower, as slow as the time allows."""
 
-NEARLY: Final = 0.8
+NEARLY: Final = 0.5
 """Part of the time left for it that is enough to be taken."""
 
 LEAST_GRAFT: Final = 0.05
@@ -409,8 +409,9 @@ class _Race:
         if math.log(float(starts[0][1].error.max()) / passages.promised(unit)) <= CLOSE:
             return winner
         self.progress("passing turning points slower")
-        found = self._slowed(self._measured(runner, tried), passages, unit, tried)
-        if found is None or not self._beats(found, winner, tried):
+        few = few_scenarios(tried)
+        found = self._slowed(self._measured(runner, few), passages, unit, few)
+        if found is None or not self._beats(found := self._measured(found, tried), winner, tried):
             return winner
         proven = self._proof(found, tried)
         return winner if proven is None or not self._beats(proven, winner, tried) else proven
