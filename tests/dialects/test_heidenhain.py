@@ -288,6 +288,26 @@ def test_behind_another_program_nothing_counts_before_g90_or_g91() -> None:
     assert program.motions.end[-1, 0] == 0.007
 
 
+@pytest.mark.parametrize(
+    ("dialect", "block"),
+    [
+        *(
+            ("heidenhain", one)
+            for one in ("CR X+Q5 Y+5 R+9 DR+ M89", "CT X+5 Y+5 M89", "L X+5 FAUTOM89", "/L X+5 M089")
+        ),
+        *(("heidenhain-iso", one) for one in ("G02 X+Q5 Y+5 R+9 M89", "G06 X+5 M89", "G01 X+Q5 M 89")),
+    ],
+)
+def test_cycles_are_called_at_each_move_behind_m89_whatever_else_is_in_its_block(dialect: str, block: str) -> None:
+    program = (
+        klartext("L Z+0 F100", block, "L X+1", "L X+2")
+        if dialect == "heidenhain"
+        else iso("G01 Z+0 F100", block, "G01 X+1", "G01 X+2")
+    )
+    assert program.notes[-1].what == "move behind which M89 calls a cycle"
+    assert not np.isin(program.motions.block, (3, 4)).any()
+
+
 TANGENTIAL = {
     "heidenhain": ("L X+0 Y+0 Z+0 F100", "L X+5 Y+9", "L Z-1", "CT X+9 Y+20", "CT X+20 Y+9", "L X+30 Y+0", "L X+20"),
     "heidenhain-iso": (

@@ -25,7 +25,6 @@ from ph_post.dialects.heidenhain.tnc import (
     joined,
     number_of,
 )
-from ph_post.dialects.reading import Remark
 from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram
 
 _ANY: Final = re.compile("")
@@ -150,13 +149,12 @@ class _IsoFollower:
                 self._lost, self._incremental = True, None
                 self.tnc.lose("call of a program", bare)
         else:
-            number, own = len(self.tnc.texts), bool(_MOTIONS & set(_Block(source).codes))
-            self.tnc.line(source, lambda: self._translated(source))
-            if own:
+            number, block = len(self.tnc.texts), _Block(source)
+            self.tnc.line(source, lambda: self._translated(block, source))
+            if _MOTIONS & set(block.codes):
                 self._lost = number in self.tnc.remarks
 
-    def _translated(self, source: str) -> str:
-        block = _Block(source)
+    def _translated(self, block: _Block, source: str) -> str:
         codes = block.codes
         if source.startswith("/"):
             raise NotFollowed("block delete", source)
@@ -172,7 +170,7 @@ class _IsoFollower:
             if unknown[0] in _CUTS:
                 self._motion = unknown[0]
             if unknown[0] in _TANGENTIAL:
-                self.tnc.tangent("path function", f"G{unknown[0]:02d}")
+                self.tnc.tangent(f"G{unknown[0]:02d}")
             raise NotFollowed("path function" if unknown[0] in _CUTS else "unknown G word", f"G{unknown[0]:02d}")
         if block.odd:
             raise NotFollowed("unknown word", block.odd)
@@ -211,11 +209,7 @@ class _IsoFollower:
             self.tnc.pole({})
         if centres:
             self.tnc.pole(centres)
-        through = bool(places) and self._lost and not _MOTIONS & set(block.codes)
-        if through:
-            what = f"move in a mode that was set on a line that is passed through: {source}"
-            self.tnc.remarks[len(self.tnc.texts)] = Remark(what=what)
-        return self._move(block, places, source, through=through)
+        return self._move(block, places, source)
 
     @staticmethod
     def _turns(code: int, block: _Block, places: Places) -> bool:
@@ -237,7 +231,7 @@ class _IsoFollower:
                 centres[_CENTRES[letter]] = bool(self._incremental), number_of(number)
         return places, centres
 
-    def _move(self, block: _Block, places: Places, source: str, *, through: bool = False) -> str:
+    def _move(self, block: _Block, places: Places, source: str) -> str:
         given = block.value("F")
         feed, rapid = "", self._motion == 0
         if given is not None:
@@ -252,11 +246,11 @@ class _IsoFollower:
         if places and self._motion not in _MOTIONS:
             raise NotFollowed("move in a mode that is not followed", source)
         explicit = {2, 3} & set(block.codes)
-        if through:
-            return joined(speed, self.tnc.through(places, rapid=rapid, feed=feed, functions=block.functions))
-        if self._motion in (2, 3) and (places or explicit):
+        lost = bool(places) and self._lost and not _MOTIONS & set(block.codes)
+        if self._motion in (2, 3) and (places or explicit) and not lost:
             return joined(speed, self._arc(block, places, feed))
-        return joined(speed, self.tnc.straight(places, rapid=rapid, feed=feed, functions=block.functions))
+        why = f"move in a mode that was set on a line that is passed through: {source}" if lost else ""
+        return joined(speed, self.tnc.straight(places, rapid=rapid, feed=feed, functions=block.functions, why=why))
 
     def _arc(self, block: _Block, places: Places, feed: str) -> str:
         given = block.value("R")

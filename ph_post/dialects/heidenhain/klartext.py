@@ -153,7 +153,7 @@ class _KlartextFollower:
             text = self.tnc.straight({}, rapid=False, feed="", functions=functions)
             return joined("M0" if word == "STOP" else "", text)
         if _TANGENTIAL.match(word):
-            self.tnc.tangent("path function", source)
+            self.tnc.tangent(source)
         what = "path function" if _OTHERS.fullmatch(word) else "block delete" if word[0] == "/" else "unknown word"
         raise NotFollowed(what, source)
 

@@ -60,7 +60,8 @@ _STEP: Final[Mapping[str, Decimal]] = {"G21": Decimal("0.0001"), "G20": Decimal(
 """Ends that follow from angles are rounded to what a program can say: blocks behind them name the same places."""
 
 _CALLS: Final = frozenset((89, 99))
-_MODAL_CALL: Final = 89
+_MODAL_CALL: Final = re.compile(r"M\s*0*89(?!\d)")
+"""What calls a cycle at each move behind it, whatever else is in its block."""
 
 Places = dict[str, tuple[bool, Decimal | None]]
 """By axis: whether it is incremental, and the number, None where that is computed."""
@@ -146,6 +147,7 @@ class Tnc:
             text = follow()
         except NotFollowed as found:
             self.forget(AXES)
+            self._called = self._called or _MODAL_CALL.search(source) is not None
             if self._pole_line is not None and self._polar.match(source):
                 self.arcs.pop(len(self.texts), None)
                 self.users[len(self.texts)] = self._pole_line
@@ -178,8 +180,13 @@ class Tnc:
         """Take positions for unknown."""
         self._at |= dict.fromkeys(axes)
 
-    def straight(self, places: Places, *, rapid: bool, feed: str, functions: list[int]) -> str:
-        """Write a straight move, or what else its line says where it moves nothing."""
+    def straight(self, places: Places, *, rapid: bool, feed: str, functions: list[int], why: str = "") -> str:
+        """Write a straight move, or what else its line says where it moves nothing.
+
+        `why` says why it is passed through, although its end is known; empty where it is not.
+        """
+        if why:
+            self.remarks[len(self.texts)] = Remark(what=why)
         words = self._functions(functions)
         if not places:
             return joined(feed, *words)
@@ -188,17 +195,9 @@ class Tnc:
             return joined("G53 G0", *(f"{axis}0" for axis in places if axis in AXES), *words)
         ends = self._ends(places)
         self._moved = len(self.texts)
-        return joined("G0" if rapid else "G1", *ends, feed, *words)
-
-    def through(self, places: Places, *, rapid: bool, feed: str, functions: list[int]) -> str:
-        """Write a move that is passed through, and whose end is known."""
-        if _MACHINE & set(functions):
-            return self.straight(places, rapid=rapid, feed=feed, functions=functions)
-        ends = self._ends(places)
-        self._moved = len(self.texts)
-        if self._pole_line is not None:
+        if why and self._pole_line is not None:
             self.users[len(self.texts)] = self._pole_line
-        return joined("G0 A0" if rapid else "G1 A0", *ends, feed, *self._functions(functions))
+        return joined("G0" if rapid else "G1", "A0" if why else "", *ends, feed, *words)
 
     def arc(self, places: Places, *, left: bool, radius: Decimal | None, feed: str, functions: list[int]) -> str:
         """Write an arc about the pole, or with a radius."""
@@ -299,7 +298,7 @@ class Tnc:
         """Words of M functions."""
         for number in functions:
             if number in _CALLS:
-                self._called = number == _MODAL_CALL
+                self._called = False
                 raise NotFollowed("call of a cycle", f"M{number}")
             if number not in _FUNCTIONS and number not in _MACHINE:
                 raise NotFollowed("unknown M function", f"M{number}")
@@ -338,14 +337,13 @@ class Tnc:
             texts.append(line)
         return texts
 
-    def tangent(self, what: str, text: str) -> None:
+    def tangent(self, text: str) -> None:
         """Pass the moves before through that a tangential one goes on from: what stood between would be one of them."""
         for number in range(self._plane_moved, len(self.texts)):
             if _MOVES.search(self.texts[number]) and number not in self.remarks:
                 self.remarks[number] = Remark(what=f"move from which a tangential one goes on: {text}")
                 self.texts[number] = FORGOTTEN
         self._plane_moved = len(self.texts)
-        raise NotFollowed(what, text)
 
     def corner(self, text: str) -> None:
         """Forget the end of the move before, which is rounded or chamfered."""
