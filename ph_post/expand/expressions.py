@@ -43,7 +43,7 @@ def _modulo(left: float, right: float) -> float:
 
 
 def _power(left: float, right: float) -> float:
-    if left < 0.0 and math.floor(right) != right:
+    if left < 0.0 and right % 1.0 > 0.0:
         raise ExpandError("a negative number to a power that is not whole")
     return _divide(1.0, 0.0) if left == 0.0 and right < 0.0 else left**right
 
@@ -207,13 +207,7 @@ class Parser:
             return self._exists()
         if word == "atan":
             return self._atan()
-        inner, function = self.expression(), self.functions[word]
-
-        def apply(store: Store) -> float:
-            value = inner(store)
-            return value if math.isnan(value) else _finite(function(value))
-
-        return apply
+        return applied(self.functions[word], self.expression())
 
     def _atan(self) -> Value:
         above = self.expression()
@@ -258,6 +252,16 @@ class Parser:
 def _joined(left: Value, operation: Callable[[float, float], float], right: Value) -> Value:
     def apply(store: Store) -> float:
         return _finite(operation(left(store), right(store)))
+
+    return apply
+
+
+def applied(function: Callable[[float], float], inner: Value) -> Value:
+    """Return the value of a function; what is not known stays so."""
+
+    def apply(store: Store) -> float:
+        value = inner(store)
+        return value if math.isnan(value) else _finite(function(value))
 
     return apply
 

@@ -9,9 +9,9 @@ from typing import ClassVar, Final
 
 import msgspec
 
-from ph_post.expand.expressions import Functions, Levels, Parser, Value
+from ph_post.expand.expressions import Functions, Levels, Parser, Value, applied
 from ph_post.expand.faults import ExpandError
-from ph_post.expand.values import UNKNOWN, Store
+from ph_post.expand.values import UNKNOWN, NumberStore
 from ph_post.expand.writing import number_text
 
 _LEAD: Final = re.compile(r"\s*(?:\d+(?=\s|$|/))?\s*(/?)\s*")
@@ -93,11 +93,8 @@ def _goes_on(texts: Sequence[str], first: int, at: int) -> bool:
     return head is not None and re.match(r"\s*Q\d{3,4}\s*=", texts[at], re.IGNORECASE) is not None
 
 
-class KlartextStore(Store):
+class KlartextStore(NumberStore):
     """Q parameters; what the program did not set, and what the control fills, is NaN."""
-
-    def __init__(self) -> None:
-        super().__init__(lambda _: None, lambda _: UNKNOWN)
 
     def number(self, index: float) -> float:
         """Return a parameter by its key."""
@@ -107,12 +104,6 @@ class KlartextStore(Store):
             kind = next(letters for letters, number in _KINDS.items() if number == key // _KIND)
             self.doubt = f"Q{kind}{key % _KIND}"
         return found
-
-    def put(self, key: int | str, value: float) -> None:
-        """Give a parameter a value."""
-        assert isinstance(key, int)
-        had, self.numbers[key] = self.numbers.get(key), value
-        self.version += had != value
 
     def forget_one(self, key: int) -> None:
         """Know a parameter no longer."""
@@ -127,9 +118,9 @@ def _rest(left: float, right: float) -> float:
 
 
 def _power(left: float, right: float) -> float:
-    if (left == 0.0 and right <= 0.0) or (left < 0.0 and right != round(right)):
-        raise ExpandError("a power that is no number")
-    return float(left**right)
+    if left == 0.0 and right == 0.0:
+        raise ExpandError("0 to the power of 0")
+    return Parser.levels[4]["**"](left, right)
 
 
 def _angle(opposite: float, adjacent: float) -> float:
@@ -178,13 +169,7 @@ class KlartextParser(Parser):
         if not word:
             raise ExpandError("there is no such function", got=name)
         self.at += len(word)
-        inner, function = self.value()[0], self.functions[word]
-
-        def apply(store: Store) -> float:
-            value = inner(store)
-            return value if math.isnan(value) else function(value)
-
-        return apply
+        return applied(self.functions[word], self.value()[0])
 
 
 def value_of(text: str, store: KlartextStore) -> float:

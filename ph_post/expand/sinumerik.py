@@ -19,7 +19,7 @@ from ph_post.expand.faults import ExpandError, NotExpandableError
 from ph_post.expand.lines import Source
 from ph_post.expand.macro import MacroParser
 from ph_post.expand.progress import Progress, check_turn
-from ph_post.expand.values import UNKNOWN, Store
+from ph_post.expand.values import UNKNOWN, NumberStore
 from ph_post.expand.writing import DECIMALS, number_text
 
 _HIDDEN: Final = re.compile(r';.*|"[^"]*"')
@@ -59,11 +59,8 @@ _COMPARED: Final = {"==": "eq", "<>": "ne", ">=": "ge", "<=": "le", ">": "gt", "
 _TOKEN: Final = re.compile(r"==|<>|>=|<=|>|<|\(|\)|\bR(\d+)\b|\s+", re.IGNORECASE)
 
 
-class SinumerikStore(Store):
+class SinumerikStore(NumberStore):
     """R parameters; what the program did not set is NaN."""
-
-    def __init__(self) -> None:
-        super().__init__(lambda _: None, lambda _: UNKNOWN)
 
     def number(self, index: float) -> float:
         """Return an R parameter."""
@@ -71,12 +68,6 @@ class SinumerikStore(Store):
         if math.isnan(found):
             self.doubt = f"R{index:g}"
         return found
-
-    def put(self, key: int | str, value: float) -> None:
-        """Give an R parameter a value."""
-        assert isinstance(key, int)
-        had, self.numbers[key] = self.numbers.get(key), value
-        self.version += had != value
 
 
 def _divided(left: float, right: float) -> float:
@@ -237,8 +228,7 @@ class SinumerikRunner:
             raise NotExpandableError(f"a part of the program's flow that is not followed: {line.rest.strip()[:40]}")
         ends = False
         if SYNCHRONIZED.match(line.rest):
-            self._seen.add(index)
-            self.lines.append(line.text)
+            self._write(index)
             self.store.numbers.clear()
         elif line.order == "set":
             self._set(line)
@@ -318,7 +308,7 @@ class SinumerikRunner:
         text, rest = line.text[line.begin :], line.rest
         if line.order == "set":
             return text if "R" not in rest.upper().replace("R", "", 1) else self._with_settings(line)
-        if "R" not in rest.upper() or "=" not in rest:
+        if "R" not in rest.upper() or "=" not in rest or SYNCHRONIZED.match(rest):
             return text
         parts, at = [], 0
         for found in _WORD.finditer(rest):

@@ -173,3 +173,16 @@ class Store:
     def holds(self, value: float) -> bool:
         """Return whether a condition holds; its value has to be known."""
         return self.require(value, "a condition") != 0.0
+
+
+class NumberStore(Store):
+    """Parameters that have numbers alone, and are the same in all subprograms; what the program did not set is NaN."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda _: None, lambda _: UNKNOWN)
+
+    def put(self, key: int | str, value: float) -> None:
+        """Give a parameter a value."""
+        assert isinstance(key, int)
+        had, self.numbers[key] = self.numbers.get(key), value
+        self.version += had != value

@@ -217,6 +217,11 @@ def test_words_of_a_machine_s_own_may_set_parameters():
     assert b"\nX5\n" in expand(b"\n".join([*lines[:2], b"X#31", *lines[4:]]), "a.ngc").data
 
 
+def test_a_negative_number_to_a_power_that_only_the_machine_knows_is_not_known():
+    with pytest.raises(ExpandError, match="depends on what only the machine knows"):
+        expand(b"G90 G1 X[[0-2] ** #5061] F100\nM2\n", "a.ngc")
+
+
 def test_folders_look_for_what_is_asked_whoever_asked_before(tmp_path):
     (tmp_path / "5.nc").write_text("M99")
     (tmp_path / "5.ngc").write_text("M2")

@@ -223,6 +223,9 @@ def test_random_programs_move_as_the_player_has_them(seed: int) -> None:
         ("L X+1|Q1 = 5 / ( 3 - 3 )", 3, "division by zero"),
         ("FN 4: Q1 =+5 DIV +0", 2, "division by zero"),
         ("Q2 = SQRT -4", 2, "sqrt"),
+        ("Q2 = -2 ^ 0.5", 2, "a power that is not whole"),
+        ("Q2 = 0 ^ 0", 2, "0 to the power of 0"),
+        ("Q2 = SQ 1" + 200 * "0", 2, "beyond all bounds"),
         ("FN 9: IF +Q5 EQU +1 GOTO LBL 1|LBL 1", 2, "Q5"),
         ("FN 18: SYSREAD Q5 = ID270 NR1|FN 9: IF +Q5 LT +1 GOTO LBL 1|LBL 1", 3, "Q5"),
         ("Q108 = 3|FN 9: IF +Q108 LT +1 GOTO LBL 1|LBL 1", 3, "Q108"),
@@ -246,7 +249,7 @@ def test_what_cannot_be_written_out_is_named_with_its_line(blocks: str, line: in
 
 
 @pytest.mark.parametrize(
-    "block", ["L X+Q5", "L X+Q150 Y+1", "Q1 = Q5 + 1", "Q1 = SGN 0", "Q1 = -5 % 3", "CYCL DEF 7.1 X+Q5"]
+    "block", ["L X+Q5", "L X+Q150 Y+1", "Q1 = Q5 + 1", "Q1 = -2 ^ Q5", "Q1 = SGN 0", "Q1 = -5 % 3", "CYCL DEF 7.1 X+Q5"]
 )
 def test_what_is_not_known_stays(block: str) -> None:
     text = f"0 BEGIN PGM A MM\n1 {block}\n2 END PGM A MM\n"

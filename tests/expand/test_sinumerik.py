@@ -91,6 +91,11 @@ def test_synchronized_actions_keep_every_character_and_may_set_parameters(line) 
     assert lines_of(f"R5=1\nX=R5\n{line}\nX=R5\nM30\n") == ["R5=1", "X=1", line, "X=R5", "M30"]
 
 
+def test_a_synchronized_action_that_runs_again_has_no_second_number() -> None:
+    text = "AA:\nN7 WHEN TRUE DO X=R5\nX1\nENDLABEL:\nREPEAT AA P=1\nM30\n"
+    assert lines_of(text) == ["AA:", "N7 WHEN TRUE DO X=R5", "X1", "ENDLABEL:", "WHEN TRUE DO X=R5", "X1", "M30"]
+
+
 class Writer:
     """Writes a random program, and runs it at the same time in Python."""
 
