@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from ph_post.api.checks import diff, rehearse, verify
+    from ph_post.api.comparison import StrategyComparison, compare
     from ph_post.api.compensation import compensate, undo
     from ph_post.api.hand_measurements import measure
     from ph_post.api.inputs import read_log, read_machine, read_path, read_program
     from ph_post.api.measurements import calibrate, diagnose, identify, sweep
-    from ph_post.api.motion import Inspection, Simulation, StrategyComparison, compare, inspect, simulate
+    from ph_post.api.motion import Inspection, Simulation, inspect, simulate
     from ph_post.api.outcomes import Compensation
     from ph_post.batch.run import batch as batch
     from ph_post.diff.compare import Comparison
@@ -67,11 +68,12 @@ __all__ = [
 
 _HOMES: Final = {
     "api.checks": ("diff", "rehearse", "verify"),
+    "api.comparison": ("StrategyComparison", "compare"),
     "api.compensation": ("compensate", "undo"),
     "api.hand_measurements": ("measure",),
     "api.inputs": ("read_log", "read_machine", "read_path", "read_program"),
     "api.measurements": ("calibrate", "diagnose", "identify", "sweep"),
-    "api.motion": ("Inspection", "Simulation", "StrategyComparison", "compare", "inspect", "simulate"),
+    "api.motion": ("Inspection", "Simulation", "inspect", "simulate"),
     "api.outcomes": ("Compensation",),
     "batch.run": ("batch",),
     "diff.compare": ("Comparison",),

@@ -1,4 +1,4 @@
-"""Look at a motion without writing it: inspect its reversals, simulate it, compare the strategies on it."""
+"""Look at a motion without writing it: inspect its reversals, and simulate it."""
 
 from __future__ import annotations
 
@@ -13,24 +13,19 @@ from msgspec.structs import replace
 from ph_post.analysis.certification import Certificate
 from ph_post.analysis.certification import certify as certify_turning_points
 from ph_post.analysis.path_analysis import Analysis
-from ph_post.api.compared_programs import compare_programs
-from ph_post.api.crossed_paths import crosses_on_the_fly
-from ph_post.api.inputs import Job, Source, analyse_job, any_machine, machine_warnings, raw_job
+from ph_post.api.inputs import Job, Source, analyse_job, any_machine, machine_warnings
 from ph_post.api.options import CompensateOptions
-from ph_post.api.outcomes import Compensation
 from ph_post.api.results import PlannedMotion
-from ph_post.compensate.comparison import Contender, compare_strategies, describe_violation, without_backlash
+from ph_post.compensate.comparison import describe_violation
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
-from ph_post.compensate.strategies.registry import default_strategy
 from ph_post.compensate.violations import Violation, check_command
 from ph_post.drive.axes import check_axes, gravity_notes
 from ph_post.drive.intervals import IntervalTable
 from ph_post.edit.edits import TOLERANCE
 from ph_post.errors import OptionsError
-from ph_post.files.storage import SourceBytes, is_program, write_atomically
+from ph_post.files.storage import write_atomically
 from ph_post.files.table import FORMATS, log_content, read_table, require_path
-from ph_post.gcode.program import PartProgram
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate import machine as simulated
 from ph_post.simulate.assess import Assessment, assess, scenario_words, scenarios
@@ -286,13 +281,13 @@ def simulate(
             check_axes(command.axes, "table", drives, machine_name)
             caveats = ("without --path the path is not known, and so no contour error",)
         else:
-            analysis, notes = _analysed(path, machine, how, progress)
-            command, drives = require_path(command, analysis.track, file), _machine_of(analysis)
+            analysis, notes = analysed_job(path, machine, how, progress)
+            command, drives = require_path(command, analysis.track, file), machine_of(analysis)
     else:
         if path is not None:
             raise OptionsError("--path goes with an interpolator table; a path file is its own path")
         assert not isinstance(job, Command)
-        analysis, notes = _analysed(job, machine, how, progress)
+        analysis, notes = analysed_job(job, machine, how, progress)
         progress("planning the feed")
         plan = make_plan(analysis, how.plan(output), progress)
         drives = _with_rules(plan.machine, pickup, initial_flank)
@@ -336,9 +331,10 @@ def _table_of(job: Job | Command) -> tuple[Command, str, str] | None:
     return None
 
 
-def _analysed(
+def analysed_job(
     job: Job, machine: Machine | Source, how: CompensateOptions, progress: Progress
 ) -> tuple[Analysis, tuple[str, ...]]:
+    """Analyse a job by a record of options; see :func:`ph_post.api.inputs.analyse_job`."""
     return analyse_job(
         job,
         machine,
@@ -351,7 +347,8 @@ def _analysed(
     )
 
 
-def _machine_of(analysis: Analysis) -> Machine:
+def machine_of(analysis: Analysis) -> Machine:
+    """Return the machine of a job that was analysed on one."""
     assert analysis.machine is not None
     return analysis.machine
 
@@ -374,103 +371,3 @@ def _caveats(command: Command, machine: Machine) -> Iterator[str]:
         if known is None or broken.value > known.value:
             worst[broken.axis, broken.quantity] = broken
     yield from (f"the command {describe_violation(broken)}" for broken in worst.values())
-
-
-class StrategyComparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """All strategies on one path and machine, as :func:`compare` runs them.
-
-    `name` is that of the job. `strategies` begin with the plain program. `error_without_gap` [m] is the plain program's
-    contour error without any backlash. Of plans of a path there is its `analysis`, of programs that were run on their
-    controller what is `written` by the strategy that chooses. `notes` say what of a part program is not in its path,
-    `caveats` what else has to be known.
-    """
-
-    name: str
-    strategies: tuple[Contender, ...]
-    error_without_gap: ContourError | None
-    analysis: Analysis | None = None
-    written: Compensation | None = None
-    notes: tuple[str, ...] = ()
-    caveats: tuple[str, ...] = ()
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """All that has to be known, a sentence each."""
-        return (*self.notes, *self.caveats)
-
-
-def compare(
-    job: Job,
-    machine: Machine | Source,
-    *,
-    output: PlanOutput | None = None,
-    progress: Progress = no_progress,
-    **planning: Any,
-) -> StrategyComparison:
-    """Plan and simulate every strategy on a job, the plain program first.
-
-    Parameters
-    ----------
-    job : Path, PartProgram, str or path
-        A table is that of a part program's longest path.
-    machine : Machine, str or path
-    output : {"table", "program"}, optional
-        What the strategies make: by default a part program of a part program, and of a path an interpolator table.
-        Programs are what :func:`ph_post.compensate` writes; where axes cross their backlash on the fly, each is run on
-        a model of its controller.
-    progress : callable, optional
-        Called with the name of every stage.
-    **planning
-        As of :func:`simulate`.
-
-    Returns
-    -------
-    StrategyComparison
-        A strategy that refuses the job, or breaks a limit, is listed with the reason.
-
-    Raises
-    ------
-    InputError
-        Where an input is bad, or the machine lacks an axis of the path.
-
-    Examples
-    --------
-    >>> import ph_post as ph
-    >>> found = ph.compare("circle", "router", output="program", effort=0.01)
-    >>> plain, *others = found.strategies
-    >>> plain.name, others[-1].name
-    ('none', 'auto')
-    """
-    how = CompensateOptions(**planning)
-    raw = raw_job(job)
-    of_program = isinstance(job, PartProgram) or (isinstance(raw, SourceBytes) and is_program(raw))
-    if output == "program" or (output is None and of_program):
-        analysed = None if of_program else _analysed(raw, machine, how, progress)[0]
-        chooses = replace(how, strategy=default_strategy(described=False))
-        if analysed is None or crosses_on_the_fly(analysed.path.axes, _machine_of(analysed), chooses):
-            return _programs_compared(raw, machine, how, progress)
-    output = output or "table"
-    analysis, notes = _analysed(raw, machine, how, progress)
-    contenders = compare_strategies(analysis, lambda name: replace(how, strategy=name).plan(output), progress)
-    return StrategyComparison(
-        name=analysis.path.name,
-        strategies=contenders,
-        error_without_gap=without_backlash(analysis, contenders[0]),
-        analysis=analysis,
-        notes=notes,
-        caveats=(*analysis.path.remarks, *machine_warnings(_machine_of(analysis), analysis.path.axes)),
-    )
-
-
-def _programs_compared(
-    job: Path | SourceBytes, machine: Machine | Source, how: CompensateOptions, progress: Progress
-) -> StrategyComparison:
-    """Compare the strategies by the programs that they write."""
-    found = compare_programs(job, machine, how, progress)
-    return StrategyComparison(
-        name=job.name,
-        strategies=found.contenders,
-        error_without_gap=found.error_without_gap,
-        written=found.written,
-        caveats=found.warnings,
-    )

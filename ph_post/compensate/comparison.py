@@ -179,7 +179,7 @@ def _contender(analysis: Analysis, options: PlanOptions, nominal: Nominal, progr
     except TooLargeError:
         raise
     except PhPostError as refusal:
-        return Contender(name=options.strategy, ok=False, reason=" ".join(str(refusal).split()))
+        return refused(options.strategy, refusal)
     broken = check_command(command, plan.machine)
     return Contender(
         name=options.strategy,
@@ -193,6 +193,11 @@ def _contender(analysis: Analysis, options: PlanOptions, nominal: Nominal, progr
         chosen=chosen_in_order(plan),
         warnings=plan.warnings,
     )
+
+
+def refused(name: str, refusal: PhPostError) -> Contender:
+    """Return a strategy that refuses the job, with the reason on one line."""
+    return Contender(name=name, ok=False, reason=" ".join(str(refusal).split()))
 
 
 def without_backlash(analysis: Analysis, contender: Contender) -> ContourError | None:

@@ -104,7 +104,7 @@ class CrossingCosts:
             [ground.sides[name][1] - ground.sides[name][0] if name in ground.sides else 0.0 for name in AXES]
         )
         taken = (ground.program.motions.kind[after] == LINE) & (way >= lost[column])
-        taken &= way >= STEEP * np.diff(ground.along)[after]
+        taken &= way >= STEEP * (ground.along[after + 1] - ground.along[after])
         return np.asarray((before == 0) & (rows[:, SIGN] != 0.0) & ~self._in_air(rows) & ~taken)
 
     def _in_air(self, rows: Array) -> BoolArray:

@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from ph_post.api.motion import Simulation, StrategyComparison
+from ph_post.api.comparison import StrategyComparison
+from ph_post.api.motion import Simulation
 from ph_post.api.results import PlannedMotion
 from ph_post.compensate.comparison import Contender
 from ph_post.compensate.motion import without_strategy
