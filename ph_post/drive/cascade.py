@@ -119,11 +119,8 @@ def torque_of_motion(cascade: Cascade, command: Array, place: Array, fast: Array
     given = off.copy()
     if sent.acceleration.size:
         total += tau * cascade.acceleration_lead * np.gradient(sent.position, period)
-        given += (
-            tau
-            * (cascade.acceleration_lead + cascade.acceleration_feedforward / cascade.velocity_gain)
-            * (sent.acceleration)
-        )
+        weight = cascade.acceleration_lead + cascade.acceleration_feedforward / cascade.velocity_gain
+        given += tau * weight * sent.acceleration
     given += cascade.integral_rate * total
     return _smoothed(given + tau * _speeds(ahead, period), cascade.current_time / period)
 

@@ -38,9 +38,10 @@ def named(result: Result) -> set[tuple[str, str]]:
     return {(one["name"], one["axis"]) for one in result["findings"]}
 
 
-@pytest.mark.parametrize(("name", "channels", "feedback", "seed"), SINGLES[::8])
+@pytest.mark.parametrize(("name", "channels", "feedback", "seed"), SINGLES[::4])
+@pytest.mark.thinned(2, 2)
 def test_one_hidden_effect_is_named_and_sized(name: str, channels: str, feedback: str, seed: int) -> None:
-    """Two of them; all of them in tests/long."""
+    """Four of them, of which two are tried by .ci/run; all of them in tests/long."""
     is_named_and_sized(name, channels, feedback, seed)
 
 
