@@ -26,6 +26,7 @@ from ph_post.edit.reversals import (
     CARRIED,
     CHAIN,
     MOTION,
+    SAME,
     SHARE,
     SIGN,
 )
@@ -208,7 +209,8 @@ class CrossingSearch:
             ahead = arrives = pause = max(pause, DWELL)
             if self._costs.in_place(row[None, :], spots.column[n : n + 1], spots.before[n : n + 1])[0]:
                 # From one side of its backlash to the other the table comes to its place from wherever it was.
-                ways = [travel - sign * lost, sign * lost]
+                away = travel - sign * lost
+                ways = [away, sign * lost] if abs(away) > SAME else [sign * lost]
         elif self.ground.beam.tends and self.ground.beam.works.stays[motion]:
             ahead, arrives = 0.0, arrives if behind_rapid else 0.0
         longest = max(map(abs, ways))
