@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import PurePath
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 from msgspec.structs import replace
@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from ph_post.analysis.certification import Certificate
 from ph_post.analysis.certification import certify as certify_turning_points
 from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.crossed_paths import crosses_on_the_fly
 from ph_post.api.inputs import Job, Source, analyse_job, any_machine, machine_warnings
 from ph_post.api.options import CompensateOptions
 from ph_post.api.results import PlannedMotion
@@ -43,6 +44,11 @@ from ph_post.types import (
     Window,
 )
 from ph_post.version import package_version
+
+_STOPS: Final = (
+    "the plan stops where an axis reverses; the programs that `convert` writes for this machine do not: "
+    "`compare --carrier program` runs them"
+)
 
 
 class Inspection(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -292,6 +298,8 @@ def simulate(
         plan = make_plan(analysis, how.plan(output), progress)
         drives = _with_rules(plan.machine, pickup, initial_flank)
         caveats = (*analysis.path.remarks, *plan.warnings)
+        if output == "program" and crosses_on_the_fly(analysis.path.axes, plan.machine, how):
+            caveats = (*caveats, _STOPS)
         motion = PlannedMotion(analysis, replace(plan, machine=drives))
         command = motion.command
         name = f"{analysis.path.name}, strategy {plan.strategy}"

@@ -83,6 +83,14 @@ def test_compare_is_the_command(capsys):
     assert comparison_view(found) == printed(capsys, "compare", *words)
 
 
+def test_a_plan_with_stops_is_not_taken_for_the_program():
+    said = "the plan stops where an axis reverses; the programs that `convert` writes for this machine do not"
+    run = ph.simulate("circle", "router", output="program", strategy="takeup", effort=0.01)
+    assert any(caveat.startswith(said) for caveat in run.caveats)
+    plain = ph.simulate("circle", "router", output="program")
+    assert not any("convert" in caveat for caveat in plain.caveats)
+
+
 def test_what_a_path_lacks_of_its_program_is_a_warning(tmp_path):
     part = tmp_path / "part.ngc"
     part.write_text("G21 G90 G94\nG0 X0 Y0\nG1 X10 F600\nG81 X5 Y5 Z-1 R1\nG1 X0 Y10\nX10\nM2\n")
