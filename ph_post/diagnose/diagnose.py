@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 from msgspec.structs import replace
+from threadpoolctl import threadpool_limits
 
 from ph_post.diagnose.explanations import diagnosis_notes, explain, locate_residuals, propose_experiment
 from ph_post.diagnose.findings import AxisDiagnosis, findings_of, fit_chosen_model, improved_axis
@@ -68,9 +69,10 @@ def diagnose(log: Log, machine: Machine, progress: Progress = no_progress) -> Di
     ]
     if quality.faults or not problems:
         return _not_identifiable(log, machine, quality)
-    seconds = _expected(problems)
-    search = progress if seconds < SHORT else prefixed(progress, f"about {float(f'{seconds:.1g}'):.0f} s in all")
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+    # Matrices of few columns: where the axes go side by side, threads within them wait for each other.
+    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        seconds = _expected(problems)
+        search = progress if seconds < SHORT else prefixed(progress, f"about {float(f'{seconds:.1g}'):.0f} s in all")
         outcomes = list(pool.map(lambda one: fit_chosen_model(choose(one, search)), problems))
     progress("explaining")
     return _assemble(log, machine, quality, outcomes)

@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 from scipy.ndimage import gaussian_filter1d
+from threadpoolctl import threadpool_limits
 
 from ph_post.drive.plant import Plant
 from ph_post.errors import InputError
@@ -275,7 +276,8 @@ def identify(
         if problem is None:
             continue
         progress(f"identifying {name}")
-        drives[name], axes[name] = _identify_axis(problem, axis_log, quality, draft, machine is not None)
+        with threadpool_limits(limits=1, user_api="blas"):  # matrices of few columns
+            drives[name], axes[name] = _identify_axis(problem, axis_log, quality, draft, machine is not None)
     if not any(drive.parameters for drive in drives.values()):
         raise InputError(log.name, "the log shows no parameter", expected="an axis that moves and is read")
     notes = [f"{name}: nothing was identified, no reading of it moves" for name in axes if name not in drives]
