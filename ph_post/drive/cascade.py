@@ -92,41 +92,14 @@ def arriving(cascade: Cascade, command: Array, slope: float, period: float) -> A
     return Arriving(position, np.diff(np.concatenate([[before], position, [behind]]), 2) / period**2)
 
 
-def torque_of_motion(cascade: Cascade, command: Array, place: Array, fast: Array, period: float) -> Array:
-    """Return what a cascade gives by a motion, as F/K, shape (n,) [m]; it begins with an empty integrator.
+def rates_of(place: Array, period: float) -> Array:
+    """Return the speeds of places whose speed may have kinks between samples, shape (n,): from the side without one.
 
-    Parameters
-    ----------
-    cascade : Cascade
-    command : Array, shape (n,)
-        As it was sent [m].
-    place, fast : Array, shape (n,)
-        Places of the sides that its position loop and its velocity loop see [m].
-    period : float
-        [s].
-
-    Notes
-    -----
-    The integral of a speed is a place, which is not differentiated for it; where it is, a pick-up, in which a speed
-    jumps, is not smeared over its neighbours.
+    Examples
+    --------
+    >>> rates_of(np.array([0.0, 1.0, 2.0, 3.0, 3.0, 3.0, 3.0]), 1.0)
+    array([1., 1., 1., 1., 0., 0., 0.])
     """
-    sent = arriving(cascade, command, 0.0, period)
-    off = sent.position - place
-    off = off - np.clip(off, -cascade.deadband, cascade.deadband)
-    tau = 1.0 / cascade.position_gain
-    ahead = cascade.velocity_feedforward * (sent.position - sent.position[0]) - (fast - fast[0])
-    total = period * (np.cumsum(off) - 0.5 * off) + tau * ahead
-    given = off.copy()
-    if sent.acceleration.size:
-        total += tau * cascade.acceleration_lead * np.gradient(sent.position, period)
-        weight = cascade.acceleration_lead + cascade.acceleration_feedforward / cascade.velocity_gain
-        given += tau * weight * sent.acceleration
-    given += cascade.integral_rate * total
-    return _smoothed(given + tau * _speeds(ahead, period), cascade.current_time / period)
-
-
-def _speeds(place: Array, period: float) -> Array:
-    """Return the speeds of places that may have kinks between samples, shape (n,): from the side that has none."""
     steps = np.diff(place) / period
     if steps.size < 4:
         return np.asarray(np.gradient(place, period))

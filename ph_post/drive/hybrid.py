@@ -19,7 +19,6 @@ from ph_post.drive.automaton import (
     X,
     X_dot,
     Zone,
-    fed,
     fed_dot,
     g,
     g_dot,
@@ -28,6 +27,8 @@ from ph_post.drive.automaton import (
     q_dot,
     stay,
 )
+from ph_post.drive.automaton import fed as fed_row
+from ph_post.drive.cascade import rates_of
 from ph_post.drive.loops import drive_model
 from ph_post.drive.plant import Plant
 from ph_post.types import Array, IntArray, frozen
@@ -98,7 +99,7 @@ def _rates(motion: Motion) -> Array:
     matrix = np.zeros((WIDTH, WIDTH))
     for name, row in motion.items():
         matrix[NAMES.index(name)] = row
-    for held, row in ((X, X_dot), (g, g_dot), (q, q_dot), (fed, fed_dot)):
+    for held, row in ((X, X_dot), (g, g_dot), (q, q_dot), (fed_row, fed_dot)):
         matrix[int(np.argmax(held))] = row
     return matrix
 
@@ -131,3 +132,55 @@ def _pack(modes: dict[Key, tuple[Array, list[Guard]]], moving: str) -> Automaton
         directions=directions,
         contacts=contacts,
     )
+
+
+def given_by(plant: Plant, command: Array, fed: Array, states: Array, period: float) -> Array:
+    """Return what the loops of a plant give at the samples of a run, as F/K, shape (n,) [m].
+
+    Of a single loop that is e + (k_i/k_p) ∫e + (k_d/k_p) ė, e the following error. The force that the motor gives, as
+    a recorded channel has it, is then F/K = u - c_e v with v the speed of the side over which the loop closes and c_e
+    the part of c that is electronic (the rest is friction, which the motor overcomes). K is the stiffness of the servo.
+
+    Parameters
+    ----------
+    plant : Plant
+    command : Array, shape (n,)
+        As it reached the loops [m].
+    fed : Array, shape (n,) or (0,)
+        Acceleration that a cascade feeds forward [m/s²]; (0,) is none.
+    states : Array, shape (n, STATES)
+        Of the run.
+    period : float
+        [s].
+
+    Examples
+    --------
+    >>> plant = Plant(feedback="motor", b=5e-4, c=5e-3)
+    >>> given_by(plant, np.array([1.0, 2.0, 4.0, 8.0]), np.zeros(0), np.ones((4, STATES)), 1e-3)
+    array([0., 1., 3., 7.])
+    """
+    drive = drive_model(plant)
+    at, rate = drive.rows(0), int(np.argmax(X_dot))
+    y = np.zeros((command.size, WIDTH))
+    y[:, :STATES], y[:, int(np.argmax(X))], y[:, int(np.argmax(one))] = states, command, 1.0
+    y[1:, rate], y[:1, rate] = np.diff(command) / period, (command[1:2] - command[:1]) / period
+    if fed.size:
+        y[:, int(np.argmax(fed_row))] = fed
+    given, band = y @ at.u, 0.0 if plant.cascade is None else plant.cascade.deadband
+    if band:
+        error = y @ at.e
+        for side in (1, -1):
+            given = np.where(side * error > band, y @ drive.rows(Zone(error=side).number).u, given)
+    # The speed of the command is that of the part before a sample, and half a part late, as far as it was followed.
+    late = rates_of(command, period) - y[:, rate]
+    given += at.asked[rate] * _followed(plant, period) * late
+    # With a part of c that is electronic this is where the torque saturates at low speed only.
+    return np.clip(given, -plant.saturation, plant.saturation)
+
+
+def _followed(plant: Plant, period: float) -> float:
+    """Return the part of a sawtooth of a period that a current loop lets pass, where the sawtooth falls."""
+    if plant.cascade is None or not plant.cascade.current_time:
+        return 1.0
+    half = 0.5 * period / plant.cascade.current_time
+    return 1.0 / math.tanh(half) - 1.0 / half

@@ -13,9 +13,8 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.drive.cascade import torque_of_motion
 from ph_post.drive.effects.active import plant_of
-from ph_post.drive.plant import Plant, following_error, read_table
+from ph_post.drive.plant import Plant, read_table
 from ph_post.identify.between import parts_between, refined
 from ph_post.simulate.machine import NOMINAL_SCENARIO, AxisCommand, cutting_force, first_flank, run_plant
 from ph_post.types import Array, Axis, AxisLog, BoolArray, Log
@@ -199,9 +198,9 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
     Returns
     -------
     dict
-        `act` and `motor` [m] by channel, and as `force` the two columns (n, 2) that make up the effort, the
-        following error [m], as far as the motor answers it, and the speed [m/s] at the loop's own side:
-        K (e - c_e v). Of a cascade it is what the loops give in place of the following error.
+        `act` and `motor` [m] by channel, and as `force` the two columns (n, 2) that make up the effort
+        K (u - c_e v): what the loops give (:func:`ph_post.drive.hybrid.given_by`) [m], and the speed [m/s] at the
+        loop's own side.
     """
     parts = problem.parts
     period = problem.period / parts
@@ -213,7 +212,8 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
     if plant.cutting:
         trace = trace._replace(force=cutting_force(plant, _between_rows(problem.velocity, parts), problem.number))
     flank = first_flank(problem.axis, NOMINAL_SCENARIO)
-    table, motor, _ = run_plant(trace, plant, flank, period)
+    given = np.empty(command.size if problem.has("force") else 0)
+    table, motor, _ = run_plant(trace, plant, flank, period, given)
     found: dict[Channel, Array] = {}
     for one in problem.observed:
         if one.channel == "act":
@@ -224,16 +224,7 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
         else:
             side = plant.loop.closed_over(table, motor)
             speed = np.gradient(side, period)
-            if plant.cascade is None:
-                e = following_error(plant, command, table, motor, period)
-            else:
-                seen = motor if plant.cascade.velocity_feedback == "motor" else table
-                e = torque_of_motion(plant.cascade, command, side, seen, period)
-                # A constant load does not show in its motion: the integrator held it before that began.
-                e += plant.load if plant.cascade.integral_rate else 0.0
-            # With a part of c that is electronic this is where the torque saturates at low speed only.
-            e = np.clip(e, -plant.saturation, plant.saturation)
-            found["force"] = np.stack([e, speed], axis=1)[::parts]
+            found["force"] = np.stack([given, speed], axis=1)[::parts]
     return found
 
 

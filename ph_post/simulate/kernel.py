@@ -486,6 +486,15 @@ def _feed(y: Array, fed: Array, k: int, period: float) -> None:
 
 
 @inner
+def _write(y: Array, k: int, table: Array, motor: Array, states: Array) -> None:
+    """Write down where all is at sample k."""
+    table[k], motor[k] = y[Column.TABLE], y[Column.MOTOR]
+    if states.shape[0] > 0:
+        for i in range(STATES):
+            states[k, i] = y[i]
+
+
+@inner
 def _cruise(
     y: Array,
     trial: Array,
@@ -498,6 +507,7 @@ def _cruise(
     k: int,
     table: Array,
     motor: Array,
+    states: Array,
 ) -> tuple[int, int]:
     """Go on from sample k in the longest steps, as long as no guard breaks or may dip.
 
@@ -531,7 +541,7 @@ def _cruise(
         k += 1
         if changing:
             _follow(modes, mode, y)
-        table[k], motor[k] = y[Column.TABLE], y[Column.MOTOR]
+        _write(y, k, table, motor, states)
     return k, 0
 
 
@@ -546,6 +556,7 @@ def advance(
     fed: Array,
     table: Array,
     motor: Array,
+    states: Array,
 ) -> tuple[int, Array, IntArray]:
     """Run one axis through the samples of a command that is linear between them.
 
@@ -565,6 +576,8 @@ def advance(
         Acceleration that a cascade feeds forward, linear between samples [m/s²]; (0,) is none.
     table, motor : Array, shape (n,)
         Receive x and m [m].
+    states : Array, shape (n, STATES) or (0, STATES)
+        Receives the states at the samples; (0, STATES) where nobody asks for them.
 
     Returns
     -------
@@ -582,8 +595,8 @@ def advance(
     if modes.gap.size > 0:
         y[Column.HALF_GAP] = half_gap(y[Column.TABLE], modes.gap)
     whole = 1 << LEVELS
-    table[0], motor[0] = y[Column.TABLE], y[Column.MOTOR]
-    k, left = _cruise(y, trial, mode, modes, command, period, force, fed, 0, table, motor)
+    _write(y, 0, table, motor, states)
+    k, left = _cruise(y, trial, mode, modes, command, period, force, fed, 0, table, motor, states)
     while left > 0:
         changes = 0
         while left > 0:
@@ -600,8 +613,8 @@ def advance(
                 mode = after
         if modes.gap.size > 0:
             _follow(modes, mode, y)
-        table[k + 1], motor[k + 1] = y[Column.TABLE], y[Column.MOTOR]
-        k, left = _cruise(y, trial, mode, modes, command, period, force, fed, k + 1, table, motor)
+        _write(y, k + 1, table, motor, states)
+        k, left = _cruise(y, trial, mode, modes, command, period, force, fed, k + 1, table, motor, states)
     for i in range(STATES):
         z[i] = y[i]
     return mode, instants[:count], log[:count]

@@ -19,10 +19,10 @@ from ph_post.compiling import read_only
 from ph_post.drive.automaton import STATES, Key, Zone
 from ph_post.drive.cascade import arriving
 from ph_post.drive.effects.active import plant_of
-from ph_post.drive.hybrid import Automaton, build_automaton
+from ph_post.drive.hybrid import Automaton, build_automaton, given_by
 from ph_post.drive.plant import TRUE_READING, Plant, delayed, force_on, gap_at, read_table, referred_table, table_behind
 from ph_post.simulate import kernel
-from ph_post.simulate.slow import SlowAxis, filled_columns, level_for, modes_of
+from ph_post.simulate.slow import NO_STATES, SlowAxis, filled_columns, level_for, modes_of
 from ph_post.types import Array, Axis, Command, Event, EventKind, IntArray, Machine, Run, Scenario, sealed
 
 STANDSTILL: Final = 1e-9
@@ -230,10 +230,13 @@ def first_flank(axis: Axis, scenario: Scenario) -> int:
     return -side if axis.name in scenario.opposite else side
 
 
-def run_plant(trace: AxisCommand, plant: Plant, flank: int, period: float) -> tuple[Array, Array, Changes]:
+def run_plant(
+    trace: AxisCommand, plant: Plant, flank: int, period: float, given: Array = NO_FORCE
+) -> tuple[Array, Array, Changes]:
     """Run one plant that stands on `flank` (1, -1) if it does not move: table and motor [m], and changes.
 
     The table is where it is, referred to the side where its zero was taken; not what screw or scale make its reading.
+    `given` (n,), where it has room, receives what the loops give: :func:`ph_post.drive.hybrid.given_by`.
     """
     linear = replace(plant, forces=(), cutting=(), reading=TRUE_READING)
     automaton = build_automaton(linear)
@@ -245,15 +248,18 @@ def run_plant(trace: AxisCommand, plant: Plant, flank: int, period: float) -> tu
     command, fed = read_only(sent), read_only(fed)
     z, first = _start(trace._replace(position=command), plant, automaton, flank)
     table, motor = np.empty(command.size), np.empty(command.size)
+    states = np.empty((command.size, STATES)) if given.size else NO_STATES
     force = read_only(NO_FORCE if trace.force is None else trace.force)
     if plant.forces:
         axis = SlowAxis(plant, command, period, trace.begin, force, fed)
-        instants, log = axis.run(z, first, table, motor)
+        instants, log = axis.run(z, first, table, motor, states)
     else:
         modes = modes_of(linear, period)
         filled = filled_columns(linear, pushed=bool(force.size))
         modes = modes._replace(filled=filled, level=level_for(linear, command))
-        _, instants, log = kernel.advance(command, period, z, first, modes, force, fed, table, motor)
+        _, instants, log = kernel.advance(command, period, z, first, modes, force, fed, table, motor, states)
+    if given.size:
+        given[:] = given_by(linear, command, fed, states, period)
     changes = Changes(automaton.keys, first, trace.begin + instants * period, log)
     return delayed(referred_table(plant, table), plant.reading_delay / period), motor, changes
 

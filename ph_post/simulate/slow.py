@@ -15,11 +15,15 @@ from typing import Final, NamedTuple
 import numpy as np
 from msgspec.structs import astuple, replace
 
+from ph_post.drive.automaton import STATES
 from ph_post.drive.cascade import feeds_acceleration
 from ph_post.drive.hybrid import build_automaton
 from ph_post.drive.plant import TRUE_READING, Plant, force_on
 from ph_post.simulate import kernel
 from ph_post.types import Array, IntArray, frozen, sealed
+
+NO_STATES: Final = np.zeros((0, STATES))
+"""In place of states that nobody asks for."""
 
 TURN: Final = 0.1
 """Radians of a cogging wave over which its parabola is as good as the wave: wrong by 1e-5 of its size."""
@@ -126,7 +130,7 @@ class SlowAxis:
             for level in range(DEEPEST + 1)
         ]
 
-    def run(self, z: Array, mode: int, table: Array, motor: Array) -> tuple[Array, IntArray]:
+    def run(self, z: Array, mode: int, table: Array, motor: Array, states: Array) -> tuple[Array, IntArray]:
         """Run through all samples.
 
         Parameters
@@ -136,6 +140,8 @@ class SlowAxis:
         mode : int
         table, motor : Array, shape (n,)
             Receive x and m [m].
+        states : Array, shape (n, STATES) or (0, STATES)
+            Receives the states at the samples, where it has room for them.
 
         Returns
         -------
@@ -144,11 +150,11 @@ class SlowAxis:
         """
         reached = Reached(z, mode)
         changes: list[tuple[float, int, int]] = []
-        table[0], motor[0] = z[0], z[2]
-        for k in range(self.command.size - 1):
-            reached = self.cross(float(k), 0, reached)
+        table[0], motor[0], states[:1] = z[0], z[2], z
+        for k in range(1, self.command.size):
+            reached = self.cross(float(k - 1), 0, reached)
             changes += reached.changes
-            table[k + 1], motor[k + 1] = reached.z[0], reached.z[2]
+            table[k], motor[k], states[k : k + 1] = reached.z[0], reached.z[2], reached.z
         log = np.array([modes for _, *modes in changes], dtype=np.int64).reshape(-1, 2)
         return np.array([instant for instant, _, _ in changes]), log
 
@@ -203,6 +209,7 @@ class SlowAxis:
             sealed(fed),
             scratch,
             scratch,
+            NO_STATES,
         )
         changes = zip((place + instants * length).tolist(), *log.T.tolist(), strict=True)
         return Reached(z, mode, tuple(changes))
