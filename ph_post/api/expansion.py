@@ -17,6 +17,7 @@ from ph_post.expand.writing import EXPANDED, Written
 from ph_post.files.storage import SourceBytes, read_source
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
+from ph_post.gcode.words import lines_of
 from ph_post.units import MM
 
 WRITTEN_AS_LINUXCNC: Final = ("linuxcnc", "grbl", "grblhal")
@@ -45,8 +46,8 @@ def expanded_job(
     Raises
     ------
     InputError
-        Where the file of parameters or of tools cannot be read; of `strict` options also where the program cannot be
-        written out.
+        Where the program is no text, or the file of parameters or of tools cannot be read; of `strict` options also
+        where the program cannot be written out.
     """
     if not options.expand or read_declaration(job.data) is not None or EXPANDED.first(job.data) >= 0:
         return job, ()
@@ -55,6 +56,7 @@ def expanded_job(
     base = dialect.split("+", maxsplit=1)[0]
     if base not in (*WRITTEN_AS_LINUXCNC, "fanuc", "siemens", "heidenhain"):
         return job, (f"{job.name}: not written out: programs of {dialect} are taken as they are",)
+    lines_of(job.data, job.name)
     folders = Folders(_folders(job.name, options.subprograms))
     try:
         fanuc = None

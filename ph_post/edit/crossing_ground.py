@@ -25,6 +25,7 @@ from ph_post.edit.crossing_shapes import (
 )
 from ph_post.edit.edits import CrossingEdit
 from ph_post.edit.lagging_crossings import SHORT_LAG
+from ph_post.edit.positions import shiftable
 from ph_post.edit.preconditions import why_kept_whole
 from ph_post.edit.reversals import (
     MOTION,
@@ -125,6 +126,7 @@ class CrossingGround:
         self._kept = self._speeds_kept()
         self.feed = np.minimum(self.feed, self._kept)
         self.view = motion_view(program.motions)
+        self.shiftable = shiftable(program)
         self.way = np.nan_to_num(program.motions.end - program.motions.start)
         turning = np.zeros(self.way.shape, dtype=np.bool_)
         arcs = np.flatnonzero(program.motions.kind == ARC)

@@ -10,7 +10,6 @@ from msgspec.structs import replace
 
 from ph_post.compensate.offsets import DWELL, make_jog
 from ph_post.drive.cascade import response_time
-from ph_post.edit.block_words import words_by_letter
 from ph_post.edit.crossing_costs import CrossingCosts
 from ph_post.edit.crossing_ground import APPROACH, CrossingGround, Spots
 from ph_post.edit.crossing_spots import SpotSearch
@@ -198,10 +197,9 @@ class CrossingSearch:
         velocity, beyond, ways, ahead = float(spots.feed[n]), 0.0, [travel], pause
         if far:
             velocity, beyond = 0.0, self.ground.overshoot[name]
-            named = name in words_by_letter(self.ground.program, int(self.ground.program.motions.block[motion]))
             # A tool is never sent below the height that is programmed: from above onto a side, then through it.
             ways = [-beyond, lost] if name == "Z" and sign > 0.0 else [sign * beyond]
-            if not named:
+            if not self.ground.shiftable[motion, spots.column[n]]:
                 # The rapid does not go beyond: the first of these moves does.
                 ways, ahead = [travel - sum(ways), *ways], 0.0
         elif not behind_rapid and (sign == 0.0 or spots.before[n] == 0):

@@ -136,7 +136,7 @@ def find_restarts(program: PartProgram, times: Array, *, late: bool) -> list[Res
     motions = program.motions
     if not motions.kind.size:
         return []
-    named, moving, rapid = _named(program), moves(motions), motions.kind == RAPID
+    named, moving, rapid = shiftable(program), moves(motions), motions.kind == RAPID
     absolute = np.array([modal.absolute for modal in program.modal], dtype=np.bool_)[program.state[motions.block]]
     # The tool goes down alone before it cuts.
     alone = ~rapid & ~moving[:, :2].any(axis=1)
@@ -161,14 +161,17 @@ def find_restarts(program: PartProgram, times: Array, *, late: bool) -> list[Res
     return found
 
 
-def _named(program: PartProgram) -> BoolArray:
-    """Mask (m, 3) of the axes that the lines of motions name."""
+def shiftable(program: PartProgram) -> BoolArray:
+    """Mask (m, 3) of the axes that the lines of motions name by a number to which an offset can be added.
+
+    In some languages an increment has none.
+    """
     words, motions = program.words, program.motions
     owner = np.full(program.blocks, -1, dtype=np.int64)
     owner[motions.block] = np.arange(motions.block.size)
     found = np.zeros((motions.block.size, 3), dtype=np.bool_)
     for column, letter in enumerate(AXES):
-        rows: IntArray = owner[words.block[words.letter == ord(letter)]]
+        rows: IntArray = owner[words.block[(words.letter == ord(letter)) & (words.decimals >= 0)]]
         found[rows[rows >= 0], column] = True
     return found
 

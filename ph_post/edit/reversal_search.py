@@ -32,7 +32,7 @@ from ph_post.edit.reversals import (
 )
 from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.paths import places_words
-from ph_post.gcode.program import AXES, RAPID, PartProgram
+from ph_post.gcode.program import AXES, LINE, RAPID, PartProgram
 from ph_post.types import Array, BoolArray, IntArray, Machine
 
 LITTLE: Final = 0.01
@@ -132,8 +132,11 @@ class ReversalSearch:
 
     def _one(self, name: str, band: float) -> Array:
         axis, (section, low, high, end) = AXES.index(name), self._spans(name)
+        # A rapid whose number cannot take a change is no place for one.
+        kind = self._view[0].copy()
+        kind[(kind == RAPID) & ~self._carries(axis)] = LINE
         rows = find_reversals(
-            self._view,
+            (kind, *self._view[1:]),
             axis,
             self._feed,
             self.program.motions.exact,
@@ -150,6 +153,11 @@ class ReversalSearch:
         inside = (span >= 0) & (rows[:, MOTION] < end[np.maximum(span, 0)]) if low.size else span >= 0
         rows[:, CHAIN] = span
         return self._closed(rows[inside], axis, section, low, high)
+
+    def _carries(self, axis: int) -> BoolArray:
+        """Mask (m,) of the motions that may change the offset of an axis as they move it."""
+        ground = self.crossings.ground
+        return np.asarray(ground.shiftable[:, axis] | (ground.way[:, axis] == 0.0))
 
     def _from_one_side(self, rows: Array, axis: int) -> Array:
         if not self._from:
@@ -200,9 +208,10 @@ class ReversalSearch:
             low, high = int(lows[span]), int(highs[span])
             last = low + int(np.flatnonzero(motions.kind[low:high] != RAPID)[-1])
             after = np.flatnonzero(motions.start[last + 1 : high, axis] != motions.end[last + 1 : high, axis])
-            rapid = after.size > 0
             goes_on = high < motions.chain.size and motions.chain[high] == motions.chain[high - 1]
-            motion = last + 1 + int(after[0 if goes_on else -1]) if rapid else high - 1
+            motion = last + 1 + int(after[0 if goes_on else -1]) if after.size else high - 1
+            rapid = after.size > 0 and bool(self.crossings.ground.shiftable[motion, axis])
+            motion = motion if rapid else high - 1
             row = np.zeros(rows.shape[1])
             row[[MOTION, SHARE, SIGN, CARRIED, CHAIN]] = motion, 1.0, 0.0, rapid, span
             ends.append(row)

@@ -320,6 +320,8 @@ def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
     Where the program's own are longer than the limit, comments do not count there.
     """
     limit, own = dialect.syntax.max_line + len("\r\n"), int(np.diff(program.lines).max())
+    if not program.data.endswith((b"\n", b"\r")):
+        own += len(line_end(program))
     lines = split_lines(sealed(out))
     for line in np.flatnonzero(np.diff(lines) > max(limit, own)).tolist():
         text = out[lines[line] : lines[line + 1]].tobytes().decode("latin-1").strip()

@@ -173,3 +173,10 @@ def test_repeats_parameters_and_cycles_of_heidenhain(tmp_path):
     assert ph.undo(out) == source.read_bytes()
     assert ph.verify(source, out).ok
     assert ph.compensate(out, "stepper", expand=True, **how).program() == out.read_bytes()
+
+
+@pytest.mark.parametrize(("line", "what"), [(b"G1\0X1", "zero byte"), (b"G1 X" + 20000 * b"0", "line is too long")])
+def test_what_is_no_program_is_not_written_out(file, line, what):
+    file.write_bytes(line + b"\n" + file.read_bytes())
+    with pytest.raises(InputError, match=what):
+        ph.compensate(file, "stepper", dialect="linuxcnc", expand=True)

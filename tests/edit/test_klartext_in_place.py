@@ -54,6 +54,20 @@ def test_the_centre_is_set_again_behind_a_change():
     assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=MACHINE).ok
 
 
+def test_rapids_in_increments_keep_their_numbers():
+    """An increment takes no offset: what changes in the air changes ahead of the rapid."""
+    lines = ["L X+4 Y+0 Z+5 R0 FMAX", "L IX+1 IY+4 R0 FMAX", "L IZ-6 F300", "L IY+9 F600", "L IZ+6 FMAX"]
+    lines += ["L IX-7 IY-17 R0 FMAX", "L IZ-6 F300", "L IY-2 F600", "L IX+3", "L IZ+6 FMAX"]
+    text = "".join(f"{number} {line}\n" for number, line in enumerate(["BEGIN PGM A MM", *lines, "END PGM A MM"]))
+    one = KLARTEXT.compensate(text.encode())
+    found = one.text.decode()
+    assert all(f"{line}\n" in found for line in text.splitlines() if "FMAX" in line and " I" in line)
+    for side in (-1.0, 1.0):
+        # Z, which has no play here, is shifted on its way to the height above which nothing counts.
+        assert KLARTEXT.away(found, KLARTEXT.run(text), side).max() < 0.01
+    assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=MACHINE).ok
+
+
 def test_a_helix_keeps_its_bytes_and_its_pole():
     text = (
         "0 BEGIN PGM A MM\n1 L X+0 Y+0 Z+1 FMAX\n2 L Z-1 F300\n3 L X+10 Y+1\n4 L X+4\n5 CC X+10 Y+1\n"

@@ -287,6 +287,11 @@ def test_a_line_may_grow_whose_comment_makes_it_longer_than_the_controller_s_lin
     assert "G1X10.03 ;" in compensate(text.encode(), STEPPER, dialect="grbl").text.decode()
 
 
+def test_a_last_line_without_an_end_is_no_longer_for_that() -> None:
+    text = START + "G1X10\nX0\nM2\n" + "-" * 99
+    assert compensate(text.encode(), STEPPER, dialect="grbl").text.decode().count("-" * 99 + "\n") == 1
+
+
 def test_numbers_of_a_float_s_digits_are_shifted_and_come_back() -> None:
     text = START + "G1 X5 Y0.15000000000000002\nX0.30000000000000004 Y-0.1\nX5\nM2\n"
     found = compensate(text.encode(), STEPPER)
