@@ -192,7 +192,7 @@ def _of_path(
     motion = np.array([number for _, number, _ in places], dtype=np.int64)
     lines = found.before.motions.block[motion] + 1
     windows = {member: window for window in analysis.windows for member in window.members}
-    shifted = _shifted(changes, found.before.motions, path, analysis.turning_points, places, reach)
+    shifted = _shifted(changes, found.before.motions, path, analysis, places, reach)
     at_end = np.array([one[2] == MILLION for one in places], dtype=np.int64)
     after = np.minimum(np.searchsorted(path.motion, motion) + at_end, path.motion.size - 1)
     rows = zip(
@@ -250,14 +250,17 @@ def _shifted(
     changes: _Changes | None,
     motions: Motions,
     path: ProgramPath,
-    points: tuple[TurningPoint, ...],
+    analysis: Analysis,
     places: Sequence[Place],
     reach: Array,
 ) -> list[bool]:
     """Mask of the turning points at which the lasting offset of the axis that turns changes.
 
-    Where the axis rests, the change may be anywhere in the rest, at whose end the turning point is listed.
+    Where the axis rests, the change may be anywhere in the rest, at whose end the turning point is listed. So it may
+    where the axis goes on from its rest by no more than the tolerance before it turns, as a curve through the ends of
+    straight moves does.
     """
+    points = analysis.turning_points
     if changes is None or not points:
         return [False] * len(points)
     own = slice(*np.searchsorted(changes.motion[:, 0], (path.motion[0], path.motion[-1] + 1)).tolist())
@@ -270,11 +273,14 @@ def _shifted(
             found.append(False)
             continue
         begin, low = motion, point.s
-        if point.kind == "dwell":
-            begin = left_off[name][motion]
+        dwells = point.kind == "dwell"
+        near_start = abs(motions.start[motion, AXES.index(name)] - point.position) <= analysis.tolerance
+        rest = motion if dwells else motion - 1
+        if dwells or (near_start and rest in left_off[name]):
+            begin = left_off[name][rest]
             low = float(path.to_path(np.array([begin]), np.ones(1))[0])
         stops = (column == AXES.index(name)) & (end_at > low - near - PASSED) & (begin_at < point.s + near + PASSED)
-        leaves = motion + 2 if share == MILLION else begin + 1
+        leaves = motion + (2 if share == MILLION else 1)
         # A rapid that takes the axis away takes up its backlash on the way, as a plunge behind a rapid does in the air.
         behind = motion + 1 < motions.kind.size and motions.kind[motion + 1] == RAPID
         away = share == MILLION and (behind or motions.kind[motion] == RAPID)
