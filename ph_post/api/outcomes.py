@@ -13,6 +13,7 @@ from ph_post.api.inputs import COMPENSATED_BEFORE, Source
 from ph_post.api.options import CompensateOptions
 from ph_post.api.results import AxisReversals, MotionResult, ReversalCount
 from ph_post.compensate.options import PlanOutput
+from ph_post.compensate.plan_warnings import PASSED_SLOWER
 from ph_post.errors import NotCompensatedError
 from ph_post.expand.writing import EXPANDED
 from ph_post.files.check import counted
@@ -164,12 +165,15 @@ _WRITTEN_OUT: Final[Mapping[str, tuple[str, ...]]] = {
 _CUTTER: Final = "cutter compensation"
 
 
-def passed_through(program: PartProgram, dialect: str) -> tuple[str, ...]:
-    """Describe the stretches of a program that are passed through: their number, the first, and what would help."""
+def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) -> tuple[str, ...]:
+    """Describe the stretches of a program that are passed through: their number, the first, and what would help.
+
+    `expand` says that ``--expand`` was given: it is not advised again.
+    """
     notes, base = program.notes, dialect.partition("+")[0]
     if not notes:
         return ()
-    said, expanded = [f"line {notes[0].first + 1}: {notes[0].what}"], EXPANDED.first(program.data) >= 0
+    said, expanded = [f"line {notes[0].first + 1}: {notes[0].what}"], expand or EXPANDED.first(program.data) >= 0
     if not expanded and any(note.what.startswith(_WRITTEN_OUT.get(base, ())) for note in notes):
         said.append("--expand writes out what computes")
     if base in WRITTEN_AS_LINUXCNC and any(note.what.startswith(_CUTTER) for note in notes):
@@ -201,6 +205,8 @@ def left_words(rows: Sequence[AxisReversals], warnings: Sequence[str], notes: Se
     whys.sort(key=lambda why: "--" not in why)
     reasons = "; ".join(whys[:REASONS]) if missed else ""
     if missed and not reasons:
-        reasons = "nothing that was tried makes the part better in the time allowed; a larger --max-slowdown may"
+        slower = any(PASSED_SLOWER in word for word in warnings)
+        better = "better than less feed does" if slower else "better"
+        reasons = f"nothing that was tried makes the part {better} in the time allowed; a larger --max-slowdown may"
     words = ", ".join(missed) + (f": {reasons}" if reasons else "")
     return "; ".join([*([words] if words else []), *notes])

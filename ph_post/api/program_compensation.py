@@ -153,7 +153,12 @@ class ProgramCompensation(Compensation):
         if self.output == "table":
             return self.longest.not_compensated
         warnings = (*self.planned.warnings, *self.shifted.warnings)
-        return left_words(self.axis_reversals, warnings, passed_through(self.original, self.machine.dialect))
+        return left_words(self.axis_reversals, warnings, self.passed_through)
+
+    @property
+    def passed_through(self) -> tuple[str, ...]:
+        """The stretches that are passed through, and what would help."""
+        return passed_through(self.original, self.machine.dialect, expand=self.options.expand)
 
     @cached_property
     def planned(self) -> CompensatedProgram:

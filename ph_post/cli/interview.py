@@ -202,7 +202,7 @@ QUESTIONS: Final = (
     Question(
         "axes",
         "XYZ",
-        "Which axes does it have that shall be looked after?",
+        "Which of its axes shall be compensated?",
         "One to three of X, Y and Z.",
         Axes(),
         lambda _state, _axes: "XYZ",

@@ -160,14 +160,22 @@ def _of_log(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progr
 
 
 def _of_path(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progress) -> ReportProduct:
+    from msgspec.structs import replace
+
     from ph_post.api.options import CompensateOptions
     from ph_post.api.path_compensation import compensated_path
+    from ph_post.compensate.strategies.base import traits_of
+    from ph_post.compensate.strategies.registry import find_strategy
     from ph_post.report.product import motion_product
     from ph_post.report.traces import path_picture
 
     result = compensated_path(raw, machine, CompensateOptions(**options.in_si(how)), how["carrier"], progress)
     progress("simulating before and after")
-    return motion_product(path_picture(result), result.notes)
+    picture = path_picture(result)
+    chooses = result.crossed_for(result.output) is None and traits_of(find_strategy(picture.strategy)).chooses
+    less = (f"the best is searched for with --effort {how['effort']:g}, `convert` does so with 1 and may find better",)
+    notes = less if chooses and how["effort"] < 1.0 else ()
+    return motion_product(replace(picture, notes=(*picture.notes, *notes)), (*result.notes, *notes))
 
 
 def _of_program(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progress) -> ReportProduct:

@@ -13,6 +13,7 @@ from ph_post.compensate.limit_curve import UNBOUNDED, LimitCurve
 from ph_post.compensate.offsets import lead_in
 from ph_post.drive.axes import backlash_varies
 from ph_post.geometry.numeric import runs
+from ph_post.quantities import millimetres
 from ph_post.types import Array, Axis, Machine, Tool
 from ph_post.units import MICROMETRE, MM, MM_PER_MIN
 
@@ -24,6 +25,10 @@ _NUMBERS = 8
 
 _ROOM = 0.05
 """Relative margin of a slowdown that a warning suggests."""
+
+
+PASSED_SLOWER: Final = "passed with less feed for their error"
+"""Stands in the warning of turning points whose error less feed makes smaller."""
 
 
 def stop_warnings(corners: Array, cusps: Array, infinite: Array, rapids: Array) -> list[str]:
@@ -49,12 +54,12 @@ def slow_feed_warnings(caps: LimitCurve) -> list[str]:
     if not found:
         return []
     length = sum(float(caps.s[run[-1]] - caps.s[run[0]]) for run in found)
+    share = f", {length / MM:.3g} mm of {caps.s[-1] / MM:.4g} mm in all" if length > 0.0 else ""
     lowest = int(np.argmin(np.where(slow, caps.soft, np.inf)))
     places = "one place" if len(found) == 1 else f"{len(found)} places"
     return [
-        f"the limits of the axes keep the feed below the programmed one at {places}, {length / MM:.6g} mm of "
-        f"{caps.s[-1] / MM:.6g} mm in all: down to {caps.soft[lowest] / MM_PER_MIN:.6g} mm/min at "
-        f"{caps.s[lowest] / MM:.6g} mm along the path"
+        f"the limits of the axes keep the feed below the programmed one at {places}{share}: down to "
+        f"{caps.soft[lowest] / MM_PER_MIN:.0f} mm/min at {millimetres(float(caps.s[lowest]))} mm along the path"
     ]
 
 
@@ -94,7 +99,7 @@ def passing_warnings(ratios: Sequence[float]) -> list[str]:
     if not slow:
         return []
     who = "one turning point is" if len(slow) == 1 else f"{len(slow)} turning points are"
-    return [f"{who} passed with less feed for their error, down to {100.0 * min(slow):.2g} % of it"]
+    return [f"{who} {PASSED_SLOWER}, down to {100.0 * min(slow):.2g} % of it"]
 
 
 def lead_time_warning(part: float, time: float, slowdown: float) -> str:

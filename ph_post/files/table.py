@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ph_post.errors import InputError
 from ph_post.files.arrays import ARRAY_FORMATS, array_content, read_arrays
 from ph_post.files.check import one_of
-from ph_post.files.storage import Content, write_atomically
+from ph_post.files.storage import Content, decoded, read_raw, write_atomically
 from ph_post.geometry.track import Track
 from ph_post.types import MACHINE_AXES, Array, Command, IntArray, Run, frozen
 from ph_post.units import MM, MM_PER_MIN
@@ -97,9 +97,10 @@ def read_table(source: str | os.PathLike[str]) -> Command:
         Where the file cannot be read or is no such table.
     """
     name = os.fspath(source)
+    ending, raw = _ending(name), read_raw(source)
+    text = decoded(raw).text if ending == ".csv" else ""
     try:
-        ending, data = _ending(name), pathlib.Path(source).read_bytes()
-        columns = _read_csv(data) if ending == ".csv" else read_arrays(data, name, ending)
+        columns = _read_csv(text) if ending == ".csv" else read_arrays(raw.data, name, ending)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise InputError(name, "not an interpolator table", got=str(error).split("\n")[0]) from None
     return _command(columns, name)
@@ -176,8 +177,8 @@ def csv_rows(columns: Mapping[str, NDArray[Any]]) -> bytes:
     return b"\n".join([*lines, b""])
 
 
-def _read_csv(data: bytes) -> dict[str, NDArray[Any]]:
-    lines = io.StringIO(data.decode(), newline=None)
+def _read_csv(text: str) -> dict[str, NDArray[Any]]:
+    lines = io.StringIO(text, newline=None)
     names = next(lines, "").strip().split(",")
     with warnings.catch_warnings():
         # Whoever misses the rows of an empty table refuses it in one line.

@@ -85,7 +85,7 @@ def _side_words(picture: Picture) -> list[str]:
     return [
         f"{name}: at most {micrometres(side[0])} µm to the left and {micrometres(side[1])} µm to the right of the path"
         for name, side in zip(("original", "compensated"), picture.summary.sides, strict=True)
-        if side is not None
+        if side is not None and any(side)
     ][: len(picture.traces)]
 
 

@@ -92,7 +92,7 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
         notes = path.notes
     else:
         assert isinstance(path, ProgramCompensation)
-        rows, notes = path.axis_reversals, passed_through(path.original, path.machine.dialect)
+        rows, notes = path.axis_reversals, path.passed_through
         warnings = (*path.planned.warnings, *path.shifted.warnings)
         moved = moved_axes(path.original)
         found = _simulated(path.before, path.after, path.machine, moved) if simulated else None
@@ -254,7 +254,7 @@ def _error_words(found: ResultSummary) -> str:
         why = (
             f"it runs longer than {LONGEST_SIMULATED / MINUTE:.0f} min"
             if long
-            else "nothing of it counts: it is too short, or its place on the path was lost"
+            else "no cut is left in which it counts: too short, or passed through unchanged"
         )
         return f"backlash error not simulated, as {why}"
     high, low = (rounded_micrometres(one) for one in (after.max, after.rms))

@@ -94,7 +94,7 @@ def _gap_cells(analysis: Analysis, point: TurningPoint) -> tuple[str, ...]:
     if interval is None:
         return (NOTHING, NOTHING, NOTHING)
     travel = feed_at(analysis.path, point) * interval.duration
-    return (f"{interval.lag / MS:.3f}", f"{interval.duration / MS:.3f}", millimetres(travel))
+    return (f"{round(interval.lag / MS, 3) + 0.0:.3f}", f"{interval.duration / MS:.3f}", millimetres(travel))
 
 
 def analysis_notes(analysis: Analysis) -> list[str]:
@@ -131,13 +131,13 @@ def print_plan(
 
 
 def plan_summary(plan: Plan, what: str = "") -> str:
-    """Summarize a plan in one line: compensated reversals and cycle time; `what` as in :func:`print_plan`."""
+    """Summarize a plan in one line: what is done at reversals, and cycle time; `what` as in :func:`print_plan`."""
     chosen = chosen_at(chosen_in_order(plan))
-    left = chosen.pop(PLAIN, [])
+    chosen.pop(PLAIN, None)
     done = sum(map(len, chosen.values()))
     kinds = ", ".join(f"{name} {len(indices)}" for name, indices in chosen.items())
     return (
-        f"{_named(plan, what)}: {done} of {done + len(left)} reversals compensated{f' ({kinds})' if kinds else ''}; "
+        f"{_named(plan, what)}: {counted(done, 'reversal')} compensated{f' ({kinds})' if kinds else ''}; "
         f"cycle time {before_and_after(cycle_time(plan.nominal), plan_time(plan), seconds, 's')}"
     )
 

@@ -291,10 +291,14 @@ def _program_mark(
         **view,
         "s": s / MM,
         "ratio": None if profile is None else profile["ratio"],
-        "notes": () if profile is None else profile["notes"],
+        "notes": _left_slight(turn) if profile is None else profile["notes"],
         **({"strategy": "compensated before"} if done else {}),
     }
     return Mark(s=s, window=None if turn.window is None else (low, high), view=told, point=point)
+
+
+def _left_slight(turn: ProgramReversal) -> tuple[str, ...]:
+    return ("too small to count: there and back within the tolerance",) if turn.slight and not turn.compensated else ()
 
 
 def _program_trace(name: str, motion: ProgramMotion, path: CutPath, points: Sequence[TurningPoint]) -> DrawnMotion:

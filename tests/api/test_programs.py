@@ -161,7 +161,7 @@ def test_reversals_of_a_sampled_curve_count_where_its_points_turn(tmp_path):
 
 
 def test_a_curve_through_points_that_overshoots_where_the_axis_rested_is_compensated_there(tmp_path):
-    # An O that begins and ends at its right, where X came in the air: the curve through its points goes on by nanometres.
+    # An O that begins and ends at its right, where X came in the air: the curve goes on by nanometres.
     angles = np.linspace(0.0, 2.0 * np.pi, 41)
     points = [f"G1 X{17.0 + 4.0 * np.cos(a):.4f} Y{7.5 + 7.0 * np.sin(a):.4f} F900" for a in angles]
     head = ["G21 G90 G17 G94", "G0 X0 Y0 Z2", "G0 X21 Y7.5", "G1 Z-1 F300"]

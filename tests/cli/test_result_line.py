@@ -10,8 +10,10 @@ import pytest
 from msgspec.structs import replace
 
 import ph_post as ph
-from ph_post.api.outcomes import passed_through
+from ph_post.api.outcomes import left_words, passed_through
+from ph_post.api.results import AxisReversals
 from ph_post.cli.main import main
+from ph_post.compensate.plan_warnings import passing_warnings
 from ph_post.dialects.registry import find_dialect
 from ph_post.gcode.read import read_program
 from ph_post.report.result_line import ResultSummary, result_lines
@@ -126,6 +128,13 @@ def test_what_would_have_it_compensated_is_said(dialect: str, text: str, way: st
     )
     (said,) = passed_through(program, dialect)
     assert said.endswith(f"{way})")
+    assert "; --expand" not in passed_through(program, dialect, expand=True)[0]
+
+
+def test_less_feed_that_helps_is_said_where_nothing_else_does() -> None:
+    row, slower = AxisReversals(axis="Y", compensated=0, all=2, cut=2), passing_warnings([1.0, 0.55])
+    assert "nothing that was tried makes the part better than less feed does" in left_words([row], slower, ())
+    assert "nothing that was tried makes the part better in the time" in left_words([row], (), ())
 
 
 def test_a_program_that_is_compensated_already_ends_with_its_line(
