@@ -368,7 +368,8 @@ def _declaration(
     program: PartProgram, edits: Edits, machine: Machine, dialect: Dialect, request: ProgramRequest
 ) -> Declaration:
     path_mode = dialect.syntax.path_mode
-    mode = path_mode(request.edit.chord_tolerance) if edits.dips and path_mode is not None else ""
+    rounding = request.edit.chord_tolerance if edits.dips else edits.rounding if edits.crossings else 0.0
+    mode = path_mode(rounding) if rounding > 0.0 and path_mode is not None else ""
     return declare(
         program,
         edits,

@@ -73,8 +73,8 @@ class ChangeWriter:
         Offsets of the motions.
     decimals : int
         Of new lengths, in the program's units.
-    tolerance : float
-        Largest rounding of joints in blocks of known time [m].
+    tolerance, rounding : float
+        Largest rounding of joints in blocks of known time, and in crossings [m].
     numbers : callable
         ``numbers(block)``: new text of the shifted words of a line, by word.
     """
@@ -86,10 +86,12 @@ class ChangeWriter:
         carried: MotionOffsets,
         decimals: int,
         tolerance: float,
+        rounding: float,
         numbers: Callable[[int], dict[int, str]],
     ) -> None:
         self._program, self._dialect, self._carried = program, dialect, carried
-        self._decimals, self._tolerance, self._numbers = decimals, tolerance, numbers
+        self._decimals, self._numbers = decimals, numbers
+        self._tolerance, self._rounding = tolerance, rounding
         self._fine = fine_decimals(program, decimals)
         self._feeds = block_words.FeedWords(program)
         self._change: Change | None = None
@@ -241,7 +243,7 @@ class ChangeWriter:
         words = self._wording(task.motion, block, offset)
         self._change.label += task.labels
         for number, part in enumerate(task.parts):
-            self._path_mode(task.motion, part, words.modal)
+            self._path_mode(task, part, words.modal)
             if part.crossing is not None:
                 offset[:] = np.rint(part.crossing.added / (words.modal.units * 10.0**-self._decimals))
             spelling = self._program.language.spelling
@@ -425,15 +427,19 @@ class ChangeWriter:
             found = _lowered(found * (1.0 - 10.0**-_FEED_DIGITS * 5.0))
         return self._digits(found)
 
-    def _path_mode(self, motion: int, part: MotionPart, modal: Modal) -> None:
-        """Let the controller blend blocks of known time in an exact-stop program, and no others."""
+    def _path_mode(self, task: MotionEdit, part: MotionPart, modal: Modal) -> None:
+        """Let the controller blend blocks of known time, and of crossings, in an exact-stop program, and no others."""
         assert self._change is not None
-        wanted = modal.path
-        if part.duration is not None and self._program.motions.exact[motion]:
+        wanted, tolerance = modal.path, 0.0
+        if part.duration is not None:
+            tolerance = self._tolerance
+        elif task.crossed and part.high < 1.0 and part.high not in task.stops:
+            tolerance = self._rounding
+        if tolerance > 0.0 and self._program.motions.exact[task.motion]:
             if self._dialect.syntax.path_mode is None:
-                where = f"{self._program.name}:{self._program.motions.block[motion] + 1}"
+                where = f"{self._program.name}:{self._program.motions.block[task.motion] + 1}"
                 raise InputError(where, f"{self._dialect.name} cannot leave exact-stop mode for a feed dip")
-            wanted = self._dialect.syntax.path_mode(self._tolerance * MM / modal.units)
+            wanted = self._dialect.syntax.path_mode(tolerance * MM / modal.units)
         if wanted is not None and wanted != self._path:
             self._change.lines.append(wanted)
             self._path = wanted

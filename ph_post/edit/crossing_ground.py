@@ -36,14 +36,19 @@ from ph_post.gcode.further import further_lines
 from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, plane_columns
 from ph_post.simulate.controllers.legs import ACROSS
-from ph_post.simulate.controllers.run import planned_speeds, tolerances
+from ph_post.simulate.controllers.run import planned_speeds, tolerance_of, tolerances
 from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
+from ph_post.units import MM
 
 APPROACH: Final = 2.0
 """An axis whose side of the backlash is not known approaches its place from this many lost motions before it."""
 
 LEAST_FEED: Final = 1e-4
 """Feeds below this [m/s] are reckoned as this."""
+
+ROUNDING: Final = 2e-3 * MM
+"""To which the joints of a crossing are rounded within a motion at whose end the controller is to stop [m]: a crossing
+in three steps needs a 72nd part of the backlash."""
 
 PERIODS: Final = 2.0
 """No block is to be shorter than so many servo periods: a controller slows down for it."""
@@ -95,6 +100,8 @@ class CrossingGround:
         First motion of every section, of which changes name the one in which they begin.
     overshoot : mapping of str to float
         From how far beyond its place each axis comes in the air [m].
+    tolerance : float
+        Largest deviation of the path in changed stretches [m].
     part_side : {0, 1, -1}
         1 where the part is on the left of the path, -1 where on its right, 0 where that is not known.
     """
@@ -108,6 +115,7 @@ class CrossingGround:
         feed: Array,
         low: IntArray,
         overshoot: Mapping[str, float],
+        tolerance: float,
         *,
         part_side: int = 0,
     ) -> None:
@@ -117,6 +125,11 @@ class CrossingGround:
         self.least = max(PERIODS * machine.servo_period, LINE_SIZE / stream.rate if stream is not None else 0.0)
         self.program, self.machine, self._dialect, self.sides = program, machine, dialect, sides
         self.planner = planner_of(machine)
+        # Where the path is exact no path mode counts.
+        self.halts = (program.motions.exact == 1) & (not isinstance(self.planner, ExactPath))
+        blended = self.halts.any() and dialect.syntax.path_mode is not None
+        mode = dialect.syntax.path_mode(min(tolerance, ROUNDING)) if blended else None
+        self.rounding = tolerance_of(mode, MM)
         self.along = places_along(program.motions)
         timed = program.motions.duration > 0.0
         length = np.diff(self.along)
@@ -136,7 +149,7 @@ class CrossingGround:
         self.beam = BeamGuard(program, machine)
         self.cuts = np.flatnonzero(program.motions.kind != RAPID)
         self.rapids = np.flatnonzero(program.motions.kind == RAPID)
-        self.region = _regions(program)
+        self.region = _regions(program, self.halts)
         begins = np.flatnonzero(np.diff(self.region, prepend=-2) != 0)
         self.region_low = self.along[begins]
         self.region_high = self.along[np.append(begins[1:], self.region.size)]
@@ -203,7 +216,8 @@ class CrossingGround:
         if isinstance(self.planner, ExactPath):
             return shape
         allowed = tolerances(self.program, self.planner)
-        return shape_in_steps(shape, axis, self.machine.servo_period, min(allowed[allowed > 0.0], default=math.inf))
+        allowed = np.append(allowed[allowed > 0.0], self.rounding or math.inf)
+        return shape_in_steps(shape, axis, self.machine.servo_period, allowed.min())
 
     def moves(self, column: int, low: int, high: int) -> IntArray:
         """Return which motions from `low` to before `high` move an axis."""
@@ -242,10 +256,11 @@ class CrossingGround:
         return TURNING * self.machine.axes[name].limits.acceleration if stepped else math.inf
 
 
-def _regions(program: PartProgram) -> IntArray:
+def _regions(program: PartProgram, halts: BoolArray) -> IntArray:
     """Return the number of the stretch of every motion in which a crossing may lie; −1 where none may.
 
-    A stretch ends where the axes stop, where modes change, and at commands of the machine.
+    A stretch ends where the axes stop, as behind a motion that `halts`, where modes change, and at commands of the
+    machine.
     """
     motions, words = program.motions, program.words
     count = motions.kind.size
@@ -268,5 +283,5 @@ def _regions(program: PartProgram) -> IntArray:
     known = np.isfinite(motions.start).any(axis=1) & (motions.kind != RAPID) & (motions.kind != NURBS)
     known &= ~(np.isnan(motions.start) & ~np.isnan(motions.end)).any(axis=1)
     stop[1:count] |= known[1:] != known[:-1]
-    stop[1:count] |= motions.exact[1:] != motions.exact[:-1]
+    stop[1:count] |= halts[:-1]
     return np.asarray(np.where(known, np.cumsum(stop[:count]), -1))

@@ -201,7 +201,7 @@ class SpotSearch:
         wait = np.maximum(wait, SHORTEST / np.maximum(spots.feed, 1e-12))
         behind = np.minimum(motion + 1, motions.kind.size - 1)
         ends = (rows[:, SHARE] == 1.0) & ((ground.region[behind] != ground.region[motion]) | (behind == motion))
-        stops = (ground.region[motion] < 0) | ends | (motions.exact[motion] == 1)
+        stops = (ground.region[motion] < 0) | ends | (ground.halts[motion] & (ground.rounding == 0.0))
         corner = (rows[:, SHARE] == 1.0) & (rows[:, PASSED] < KINK * spots.feed)
         inner = (rows[:, SIGN] != 0.0) & (rows[:, CARRIED] == 0.0) & ~spots.first & ~stops & (spots.feed > 0.0)
         room = np.minimum(spots.rest[:, 1], spots.bound[:, 1]) - np.maximum(spots.rest[:, 0], spots.bound[:, 0])

@@ -119,6 +119,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     that is exact on the side of its zero may need no offset.
     `joints` are shares at which motions with crossings are divided besides, by motion.
     `kept` [m/s]: speed that is kept in what crossings leave of a motion, where that is less than its feed.
+    `rounding` [m]: to which joints of crossings are rounded on motions at whose ends the controller stops, 0 for not.
     `slowdown` is what stops and crossings are reckoned to cost, relative; `short` says that more would have cost more
     than is allowed; `warnings` name what is not compensated.
     """
@@ -133,6 +134,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     pulse: Mapping[str, float] = {}
     joints: Mapping[int, Sequence[float]] = {}
     kept: Mapping[int, float] = {}
+    rounding: float = 0.0
     slowdown: float = 0.0
     short: bool = False
     warnings: tuple[str, ...] = ()
@@ -166,6 +168,7 @@ def merge_edits(a: Edits, b: Edits) -> Edits:
         pulse={axis: max(a.pulse.get(axis, 0.0), b.pulse.get(axis, 0.0)) for axis in sorted({*a.pulse, *b.pulse})},
         joints={**a.joints, **b.joints},
         kept={**a.kept, **b.kept},
+        rounding=max(a.rounding, b.rounding),
         slowdown=a.slowdown + b.slowdown,
         short=a.short or b.short,
         warnings=tuple(dict.fromkeys((*a.warnings, *b.warnings))),

@@ -120,6 +120,7 @@ class ReversalSearch:
             self._feed,
             self.low,
             self._overshoot,
+            options.tolerance,
             part_side=options.part_side,
         )
         self.crossings = CrossingSearch(ground, self._whole, self._restarts)

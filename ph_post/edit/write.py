@@ -169,6 +169,7 @@ def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
         found,
         decimals,
         declaration.chord_tolerance,
+        edits.rounding,
         lambda block: numbers.text(program, block),
     )
     changes = list(writer.write(tasks))

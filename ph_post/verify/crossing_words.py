@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from ph_post.gcode.program import PartProgram
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
 from ph_post.verify.crossings import CrossedStretches
 from ph_post.verify.line_pairs import VerifyCase
 
-_OWN = b"GXYZFNIJKRP"
-"""Letters of the blocks of crossings, and of the parts of motions beside them."""
+_OWN = b"GXYZFNIJKRPQ"
+"""Letters of the blocks of crossings, and of the parts of motions beside them; P and Q of a path mode, too."""
 
 _COMMANDS = b"MSTO"
 _DWELL = 4.0
@@ -22,6 +22,10 @@ _EXTRUDED = re.compile(rb"[Ee][ \t]*([-+]?(?:\d+\.?\d*|\.\d+))")
 _COMMENT = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 _RELATIVE = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?M0*8([23])\b", re.IGNORECASE | re.MULTILINE)
 _SET = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?G0*92\b[^\r\n;]*", re.IGNORECASE | re.MULTILINE)
+_ROUNDED = re.compile(r"G64 P(\d*\.?\d+)( Q0)?")
+_HALF = 0.5
+"""Steps of the last decimal by which a rounding may be above its tolerance."""
+
 _DROP = 1e-4
 """Extrusion [mm of filament] that is rounding, and the part of itself that is."""
 
@@ -33,10 +37,12 @@ def check_crossing_words(case: VerifyCase, crossed: CrossedStretches) -> None:
         _check_letters(case, change)
         _check_modes(case, change)
         _check_breaks(case, change)
+        _check_path_modes(case, change)
     broken = set(crossed.found.change[~crossed.fine].tolist())
     for change in np.unique(crossed.found.change).tolist():
         if change not in broken:
             own = _Places(case, crossed, change)
+            _check_halts(case, own)
             _check_commands(case, own, change)
             _check_extrusion(case, own, change)
 
@@ -92,6 +98,27 @@ def _check_breaks(case: VerifyCase, change: int) -> None:
             case.findings.add("crossing", f"a crossing over this place: {mark.kind}", compensated=mark.block)
 
 
+def _check_path_modes(case: VerifyCase, change: int) -> None:
+    """Check that joints are rounded as they were, or within the tolerance, and that lines are not joined then."""
+    (one, first, last), (other, new_first, new_last) = _spans(case, change)
+    modes = {one.modal_after(block).path for block in range(first - 1, last)}
+    for block in range(new_first, new_last):
+        modal = other.modal_after(block)
+        if modal.path in modes:
+            continue
+        match = _ROUNDED.fullmatch(modal.path or "")
+        step = _HALF * 10.0 ** -len(match[1].partition(".")[2]) if match else 0.0
+        if match is None or not (float(match[1]) - step) * modal.units <= case.band or match[2] is None:
+            case.findings.add(
+                "path",
+                "a path mode that rounds joints by more than the tolerance, or joins lines",
+                compensated=block,
+                expected=f"at most G64 P{case.band / modal.units:.6g} Q0",
+                got=modal.path or "none",
+            )
+            return
+
+
 class _Places:
     """Where the lines of a change are along the original, and the crossings in it."""
 
@@ -100,11 +127,14 @@ class _Places:
         low, high = np.searchsorted(found.change, [change, change + 1])
         self.spare = float(crossed.spare[low]) + case.bound + case.declared.within
         self._sides: list[tuple[IntArray, Array, Array]] = []
+        self.halts: list[BoolArray] = []
+        """Motions of either program at whose ends the controller stops."""
         for program, side, begin, end in (
             (case.original, found.old, crossed.old_low, crossed.old_high),
             (case.compensated, found.new, crossed.new_low, crossed.new_high),
         ):
             rows = slice(int(side.first[low]), int(side.first[high]))
+            self.halts.append(program.motions.exact[side.motion[rows]] == 1)
             self._sides.append((program.motions.block[side.motion[rows]].astype(np.int64), begin[rows], end[rows]))
         starts = self._sides[1][1]
         inside = (crossed.group[:, 1] >= starts.min()) & (crossed.group[:, 0] <= self._sides[1][2].max())
@@ -131,6 +161,15 @@ class _Places:
             return True
         low, high = min(one, other), max(one, other)
         return bool(np.any((self._groups[:, 0] <= low + self.spare) & (high <= self._groups[:, 1] + self.spare)))
+
+
+def _check_halts(case: VerifyCase, own: _Places) -> None:
+    """Check that the controller stops wherever it stopped at the end of a motion."""
+    blocks, _, ends = own.ends(0)
+    stops = own.ends(1)[2][own.halts[1]]
+    for block, place in zip(blocks[own.halts[0]].tolist(), ends[own.halts[0]].tolist(), strict=True):
+        if not np.any(np.abs(stops - place) <= own.spare):
+            case.findings.add("path", "the path mode at its end is another one", original=int(block))
 
 
 def _check_commands(case: VerifyCase, own: _Places, change: int) -> None:

@@ -101,8 +101,7 @@ def test_path_modes_leave_crossings_as_they_are(mode: str, chords: int) -> None:
     assert untouched[0] > own[0] + 24.0
     assert done[0] <= own[0] + 1.5
     assert done[1] <= own[1] + 0.5
-    # Where the controller stops at every joint a crossing is a move of its own.
-    assert done[2] <= (1.08 if mode.startswith("G61") else 1.02) * untouched[2]
+    assert done[2] <= 1.02 * untouched[2]
 
 
 @pytest.mark.parametrize("chords", [0, 400])
