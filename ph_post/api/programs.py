@@ -368,7 +368,7 @@ def _declaration(
     program: PartProgram, edits: Edits, machine: Machine, dialect: Dialect, request: ProgramRequest
 ) -> Declaration:
     path_mode = dialect.syntax.path_mode
-    rounding = request.edit.chord_tolerance if edits.dips else edits.rounding if edits.crossings else 0.0
+    rounding = request.edit.chord_tolerance if edits.dips else edits.rounding
     mode = path_mode(rounding) if rounding > 0.0 and path_mode is not None else ""
     return declare(
         program,

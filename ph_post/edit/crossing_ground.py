@@ -193,6 +193,11 @@ class CrossingGround:
             if self._kept[motion] < AT_SPEED * self.program.motions.feed[motion]
         }
 
+    def rounding_of(self, crossings: Collection[CrossingEdit]) -> float:
+        """Return to which joints of crossings are rounded where the controller stops behind their motions [m], else 0."""
+        divided = np.array([part.motion for one in crossings for part in one.parts], dtype=np.int64)
+        return self.rounding if self.halts[divided].any() else 0.0
+
     def _may_divide(self) -> BoolArray:
         """Mask of the motions (m,) that a crossing may divide."""
         kind = self.program.motions.kind

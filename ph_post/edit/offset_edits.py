@@ -102,7 +102,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         one_sided={name: 1 if sides[name][0] == 0.0 else -1 for name in used if 0.0 in sides[name]},
         pulse=pulse,
         kept=search.crossings.ground.kept(crossings),
-        rounding=search.crossings.ground.rounding,
+        rounding=search.crossings.ground.rounding_of(crossings),
         joints=chord_joints(program.motions, machine, crossings) | corner_joints(search.crossings.ground, crossings),
         slowdown=afforded.slowdown,
         short=afforded.short,

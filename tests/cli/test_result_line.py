@@ -150,15 +150,15 @@ def test_a_program_that_is_compensated_already_ends_with_its_line(
 def test_all_reversals_may_be_required(part: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out.ngc"
     words = ["convert", str(part), "-m", "stepper", "-o", str(out), "--require-all", "--max-slowdown"]
-    assert main([*words, "0.01"]) == 1
+    assert main([*words, "0.005"]) == 1
     said = capsys.readouterr().err.splitlines()[-1]
     assert said.startswith("ph-post: --require-all: not compensated: ")
     assert not out.exists()
     with pytest.raises(ph.PhPostError, match="--require-all: not compensated"):
-        ph.compensate(part, "stepper", max_slowdown=0.01, require_all=True)
+        ph.compensate(part, "stepper", max_slowdown=0.005, require_all=True)
     assert main([*words, "10"]) == 0
     assert out.exists()
-    assert main([word for word in words if word != "--require-all"] + ["0.01"]) == 0
+    assert main([word for word in words if word != "--require-all"] + ["0.005"]) == 0
 
 
 def test_all_reversals_of_a_path_may_be_required(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
