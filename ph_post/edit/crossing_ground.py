@@ -194,7 +194,7 @@ class CrossingGround:
         }
 
     def rounding_of(self, crossings: Collection[CrossingEdit]) -> float:
-        """Return to which joints of crossings are rounded where the controller stops behind their motions [m], else 0."""
+        """Return to what [m] joints of crossings are rounded where the controller stops behind the motion, or 0."""
         divided = np.array([part.motion for one in crossings for part in one.parts], dtype=np.int64)
         return self.rounding if self.halts[divided].any() else 0.0
 
