@@ -127,9 +127,8 @@ class CrossingGround:
         self.planner = planner_of(machine)
         # Where the path is exact no path mode counts.
         self.halts = (program.motions.exact == 1) & (not isinstance(self.planner, ExactPath))
-        blended = self.halts.any() and dialect.syntax.path_mode is not None
-        mode = dialect.syntax.path_mode(min(tolerance, ROUNDING)) if blended else None
-        self.rounding = tolerance_of(mode, MM)
+        path_mode = dialect.syntax.path_mode if self.halts.any() else None
+        self.rounding = 0.0 if path_mode is None else tolerance_of(path_mode(min(tolerance, ROUNDING)), MM)
         self.along = places_along(program.motions)
         timed = program.motions.duration > 0.0
         length = np.diff(self.along)

@@ -159,7 +159,7 @@ class LeadWriter(ChangeWriter):
         decimals = word_decimals(dialect, units)
         nothing = np.zeros((program.motions.kind.size, 3), dtype=np.int32)
         carried = MotionOffsets(after=nothing, word=nothing)
-        super().__init__(program, dialect, carried, decimals, tolerance, lambda _: {})
+        super().__init__(program, dialect, carried, decimals, tolerance, 0.0, lambda _: {})
         self._least, self._most = least, most
 
     def changes(self, stretches: Iterable[LeadStretch]) -> Iterator[Change]:
