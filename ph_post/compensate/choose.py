@@ -9,14 +9,8 @@ from typing import Final
 
 import msgspec
 
-from ph_post.compensate.families import (
-    BARE,
-    DesignFamily,
-    ReversalCase,
-    jogs_last,
-    shortest_crossing,
-    whole_crossing,
-)
+from ph_post.compensate.crossing_times import MOST, crossing_at_turn, shortest_crossing, turning_acceleration
+from ph_post.compensate.families import BARE, DesignFamily, ReversalCase, jogs_last
 from ph_post.compensate.friction import friction_of, friction_of_machine
 from ph_post.compensate.friction_layout import first_step
 from ph_post.compensate.layout import approached_way, first_direction, reversing_axes
@@ -198,7 +192,7 @@ class _Chooser:
         for number, (place, drives) in enumerate(zip(self.places, self.reversing, strict=True)):
             if place is not None and drives:
                 trial = Trial(nominal, self.track, place, task.machine, tried, self.sized, self.friction)
-                search = DesignSearch(trial, self._case(place, drives), bounds, count)
+                search = DesignSearch(trial, self._case(place, number), bounds, count)
                 sites.append(SearchSite(number=number, drives=drives, search=search))
         return tuple(sites)
 
@@ -215,7 +209,7 @@ class _Chooser:
         for number, (place, drives) in enumerate(zip(self.places, self.reversing, strict=True)):
             resting = place is None and drives and self._may_rest(drives) and not self.task.options.min_feed
             if resting and not self._at_an_end(number):
-                found[number] = [self._rest(number, drives)]
+                found[number] = [self._rest(number)]
         return found
 
     def propose(self, found: Sequence[Sequence[TriedDesign]], part: float = 1.0) -> StrategyResult:
@@ -267,7 +261,10 @@ class _Chooser:
             return ()
         return tuple(
             StrategyResult(
-                requests=tuple(ProfileRequest(shape=None, crossings=self._bare(own, times)) for own in self.reversing),
+                requests=tuple(
+                    ProfileRequest(shape=None, crossings=self._bare(number, times))
+                    for number in range(len(self.places))
+                ),
                 shifted=self._behind(),
                 winds_up=winds_up,
                 rests=False,
@@ -294,13 +291,14 @@ class _Chooser:
         s = self.task.windows[number].s
         return s <= SAME_TURN or s >= self.track.length - SAME_TURN
 
-    def _rest(self, number: int, drives: Drives) -> TriedDesign:
+    def _rest(self, number: int) -> TriedDesign:
         """Rest where the feed is not steady; the time is reckoned from the feed there."""
+        drives = self.reversing[number]
         axes = [self.task.machine.axes[name] for name in self.task.path.axes]
         longest = max(shortest_crossing(axis, self.lead, self.period) for axis, _ in drives)
         cruise = self.task.feed.at(self.task.windows[number].s)
         crossing = jogs_last(drives) if self.written else longest
-        return rest_design(axes, cruise, drives, self._bare(drives), crossing, self.lead)
+        return rest_design(axes, cruise, drives, self._bare(number), crossing, self.lead)
 
     def _behind(self) -> tuple[str, ...]:
         """Axes whose gap is behind their loop, whether they turn back in windows, corners or nowhere."""
@@ -328,7 +326,7 @@ class _Chooser:
         place, drives = self.places[number], self.reversing[number]
         if not drives:
             return ProfileRequest(shape=None, note="no axis with backlash reverses here")
-        bare = self._bare(drives)
+        bare = self._bare(number)
         if place is None and self._may_rest(drives) and self._at_an_end(number):
             return ProfileRequest(shape=None, crossings=bare, stop=True)
         if found is None:
@@ -346,28 +344,34 @@ class _Chooser:
             strategy=found.family.name,
         )
 
-    def _bare(self, drives: Drives, times: float = 1.0) -> tuple[Crossing | Jog, ...]:
-        """Crossings of the lasting offsets that are needed in any case, in some times the shortest duration."""
+    def _bare(self, number: int, times: float = 1.0) -> tuple[Crossing | Jog, ...]:
+        """Crossings of the lasting offsets that a window needs in any case, in some times the shortest duration."""
+        drives = self.reversing[number]
         if not self.offsets:
             return ()
         if self.written:
             return tuple(whole_jog(axis, direction, 0.0) for axis, direction in drives if may_shift(axis))
-        open_loops = (
-            (axis, direction)
+        turning = self._turning(number, self.task.feed.at(self.task.windows[number].s))
+        return tuple(
+            crossing_at_turn(
+                axis, direction, times * shortest_crossing(axis, self.lead, self.period, MOST), turning[axis.name]
+            )
             for axis, direction in drives
             if not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0
         )
-        return tuple(
-            whole_crossing(axis, direction, 0.0, times * shortest_crossing(axis, self.lead, self.period))
-            for axis, direction in open_loops
-        )
+
+    def _turning(self, number: int, feed: float) -> dict[str, float]:
+        """Acceleration with which each axis turns back at a window [m/s²]."""
+        members = (self.task.turning_points[k] for k in self.task.windows[number].members)
+        return {point.axis: turning_acceleration(point, feed) for point in members}
 
     def _may_rest(self, drives: Drives) -> bool:
         """Return whether a rest in the plain motion will do: no backlash inside a loop is crossed there."""
         return self.offsets and not any(axis.loop.encloses_backlash for axis, _ in drives)
 
-    def _case(self, place: Surroundings, drives: Drives) -> ReversalCase:
+    def _case(self, place: Surroundings, number: int) -> ReversalCase:
         """Make the case of a window, with an equal share of the time."""
+        drives = self.reversing[number]
         budget = (SPARE * self.task.allowed - self.approach) / self.active
         shortest = {axis.name: shortest_crossing(axis, self.lead, self.period) for axis, _ in drives}
         axes = self.task.path.axes
@@ -383,6 +387,7 @@ class _Chooser:
             longest=longest,
             reversing=drives,
             shortest=shortest,
+            turning=self._turning(number, place.cruise),
             lead=self.lead,
             crosses=self.offsets and not self.written,
             friction=self.friction,

@@ -16,9 +16,10 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate import profile, shapes
+from ph_post.compensate.crossing_times import TRAVEL, crossing_at_turn, whole_crossing
 from ph_post.compensate.friction import Friction, direct_change, held_change
 from ph_post.compensate.inverse import motor_inertia
-from ph_post.compensate.offsets import DWELL, LEAST, make_jog, may_shift, peaks, whole_jog
+from ph_post.compensate.offsets import DWELL, LEAST, make_jog, may_shift, whole_jog
 from ph_post.compensate.profile import stop
 from ph_post.compensate.strategies.registry import TAKE_UP
 from ph_post.compensate.trial import EMPTY, Design, Surroundings
@@ -27,26 +28,18 @@ from ph_post.types import Array, Axis, Crossing, FrictionChange, Jog
 ORDER: Final = 3
 """Derivatives of the feed that vanish at junctions."""
 
-TRAVEL: Final = 4
-"""Derivatives of a crossing's travel that do: the command takes two of them more, and three differences."""
-
-PART: Final = 0.6
-"""Part of an axis' limits that a crossing alone may take; the rest is the path's."""
-
 MUCH_LONGER: Final = 2.0
 """Times the budget up to which more time brings nothing new."""
 
 ONE: Final = np.ones(1)
-
-SHORTEST: Final = 16
-"""Samples that a crossing lasts at least."""
 
 
 class ReversalCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A turning point as the families see it.
 
     `budget` [s] is the time that a design may add, `reversing` the axes that turn back here and have a gap,
-    each with the direction it goes on in; `shortest` [s] by axis what a crossing takes at least. `lead` is
+    each with the direction it goes on in; `shortest` [s] by axis what a crossing takes at least, `turning` [m/s²] the
+    acceleration with which it turns back where its gap is behind the loop. `lead` is
     whether designs include inverse dynamics, `crosses` whether gaps behind the loop are crossed. `friction` is by
     axis what is led of that, in rows of `period` [s]. What takes more than `longest` [s] is not tried.
     """
@@ -56,6 +49,7 @@ class ReversalCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     reversing: tuple[tuple[Axis, int], ...]
     shortest: dict[str, float]
     lead: bool
+    turning: Mapping[str, float] = {}
     crosses: bool = True
     friction: Mapping[str, Friction] = EMPTY
     period: float = 1e-3
@@ -96,34 +90,6 @@ class DesignFamily(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     seeds: tuple[Array, ...]
     make: Callable[[Array, ReversalCase], Design]
     budgets: tuple[float, ...] = (1.0,)
-
-
-def shortest_crossing(axis: Axis, lead: bool, period: float) -> float:
-    """Shortest duration [s] in which the gap can be crossed within a part of the axis' limits.
-
-    Behind the loop the command travels; with inverse dynamics it takes c and b times the next two derivatives
-    more. Inside it the command is the motor's output, η b (m̈ + β ṁ).
-    """
-    gap, servo, limits = axis.gap, axis.servo, axis.limits
-    bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    inside = axis.loop.encloses_backlash
-    inertia = motor_inertia(axis)
-
-    def fits(duration: float) -> bool:
-        rate = [gap.lost_motion * peak / duration**order for order, peak in enumerate(peaks(TRAVEL))]
-        for order, bound in enumerate(bounds, start=1):
-            if inside:
-                taken = inertia * (rate[order + 2] + (gap.beta or 0.0) * rate[order + 1])
-            else:
-                taken = rate[order] + lead * (servo.c * rate[order + 1] + servo.b * rate[order + 2])
-            if taken > PART * bound:
-                return False
-        return True
-
-    duration = SHORTEST * period
-    while not fits(duration):
-        duration *= 1.05
-    return duration
 
 
 def _stop(down: float, hold: float, up: float, floor: float, lead: bool) -> Design:
@@ -202,17 +168,6 @@ def _push_unit(axis: Axis, budget: float) -> float:
     return 8.0 * motor_inertia(axis) * axis.gap.lost_motion / budget**2
 
 
-def whole_crossing(axis: Axis, direction: int, middle: float, duration: float) -> Crossing:
-    """Cross the whole gap once around an instant [s]."""
-    return Crossing(
-        axis=axis.name,
-        start=middle - 0.5 * duration,
-        duration=duration,
-        travel=axis.gap.lost_motion * direction,
-        order=TRAVEL,
-    )
-
-
 def make_offset(x: Array, case: ReversalCase) -> Design:
     """Slow down and shift the offset: x = (share of the ramps, floor, part of the budget, T, shift)."""
     part = msgspec.structs.replace(case, budget=case.budget * float(x[2]))
@@ -266,7 +221,7 @@ def make_turn(x: Array, case: ReversalCase) -> Design:
 
 def direct_changes(case: ReversalCase) -> tuple[FrictionChange, ...]:
     """Turn the friction that is led round at the turning point, or where the backlash begins to be crossed there."""
-    begins = {axis.name: -0.5 * case.shortest[axis.name] for axis, _ in case.behind}
+    begins = {one.axis: one.start for one in make_bare(ONE, case).crossings}
     return tuple(
         direct_change(axis, one, -way, way, begins.get(axis.name, 0.0), case.period) for axis, way, one in case.rubbing
     )
@@ -275,7 +230,8 @@ def direct_changes(case: ReversalCase) -> tuple[FrictionChange, ...]:
 def make_bare(x: Array, case: ReversalCase) -> Design:
     """Leave the feed alone and cross the gaps behind the loop: x = (T,)."""
     crossings = tuple(
-        whole_crossing(axis, direction, 0.0, float(x[0]) * case.shortest[axis.name]) for axis, direction in case.behind
+        crossing_at_turn(axis, direction, float(x[0]) * case.shortest[axis.name], case.turning[axis.name])
+        for axis, direction in case.behind
     )
     return Design(crossings=crossings, lead=case.lead)
 
@@ -354,7 +310,7 @@ RUBBING: Final = _family(
 
 TURN: Final = _family(TAKE_UP, make_turn, [(-1.0, 1.0), (1.0, 3.0)], [0.0, 1.0], [0.3, 1.0])
 
-BARE: Final = _family(TAKE_UP, make_bare, [(1.0, 3.0)], [1.0])
+BARE: Final = _family(TAKE_UP, make_bare, [(0.88, 3.0)], [1.0], [0.92])
 
 PLATEAU: Final = _family(
     "dwell",

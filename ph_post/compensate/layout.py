@@ -16,7 +16,14 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.compensate.families import shortest_crossing, whole_crossing
+from ph_post.compensate.crossing_times import (
+    MOST,
+    PART,
+    crossing_at_turn,
+    shortest_crossing,
+    turning_acceleration,
+    whole_crossing,
+)
 from ph_post.compensate.friction import Friction
 from ph_post.compensate.friction_layout import lay_friction
 from ph_post.compensate.motion import MotionLaw
@@ -78,8 +85,12 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Cross the whole gap of an axis once, beginning at 0 s."""
         if self.written:
             return whole_jog(axis, direction, 0.0)
-        duration = shortest_crossing(axis, self.lead, self.machine.servo_period)
+        duration = self.shortest(axis)
         return whole_crossing(axis, direction, 0.5 * duration, duration)
+
+    def shortest(self, axis: Axis, part: float = PART) -> float:
+        """Shortest duration of a crossing of an axis in a table within a part of its limits [s]."""
+        return shortest_crossing(axis, self.lead, self.machine.servo_period, part)
 
 
 class _Stops:
@@ -135,13 +146,15 @@ def lay_out(job: Job) -> Layout:
     for point in job.turning_points:
         if point.axis not in shifted or (point.index, point.axis) in served or at_an_end(job, point):
             continue
-        stop, whole = rest_at(job.phases, point.s), job.whole(job.machine.axes[point.axis], -came_from(point))
+        stop, axis, direction = rest_at(job.phases, point.s), job.machine.axes[point.axis], -came_from(point)
         if stop is not None:
-            stops.add(stop, whole)
+            stops.add(stop, job.whole(axis, direction))
         elif job.written:
             dropped.add(point.axis)
         else:
-            placed.append(_delayed(whole, _time_at(motion, point.s) - 0.5 * whole.duration))
+            turn = _time_at(motion, point.s)
+            bent = turning_acceleration(point, float(motion.place_and_feed(np.array([turn]))[1][0]))
+            placed.append(_delayed(crossing_at_turn(axis, direction, job.shortest(axis, MOST), bent), turn))
     if dropped:
         return Layout(phases=job.phases, crossings=(), bias={}, dropped=tuple(sorted(dropped)))
     bias, approach = _at_start(job, shifted, stops)

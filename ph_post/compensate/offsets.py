@@ -331,14 +331,6 @@ def smoothstep(order: int) -> tuple[Array, Array, Array]:
     return frozen(step), frozen(derivative(step)), frozen(derivative(step, 2))
 
 
-@lru_cache(maxsize=8)
-def peaks(order: int) -> tuple[float, ...]:
-    """Return the largest size of the step of :func:`smoothstep` and of its derivatives up to the fifth."""
-    step, u = smoothstep(order)[0], np.linspace(0.0, 1.0, 1001)
-    rows = [step, *(derivative(step, k) for k in range(1, 6))]
-    return tuple(float(np.abs(evaluate(row, u)).max()) for row in rows)
-
-
 def travelled(crossing: Crossing, t: Array) -> Array:
     """Travel [m], speed [m/s] and acceleration [m/s²] of the motor at `t` [s], shape (3, n)."""
     u = np.clip((t - crossing.start) / crossing.duration, 0.0, 1.0)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate import plan_warnings
+from ph_post.compensate.crossing_times import fit_crossings
 from ph_post.compensate.feed_planner import FeedPlanner, ValidMotion
 from ph_post.compensate.fitting import FittedProfiles, Fitter
 from ph_post.compensate.friction import Friction, friction_of_machine
@@ -283,7 +284,7 @@ class Planner:
         if layout.dropped:
             return self.plan(name, without_axes(result, layout.dropped))
         analysis = self.analysis
-        return Plan(
+        plan = Plan(
             path=analysis.path,
             machine=self.machine,
             strategy=name,
@@ -308,6 +309,7 @@ class Planner:
                 *plan_warnings.doubtful_values(self.machine, analysis.path.axes),
             ),
         )
+        return plan if self.options.writes_program else fit_crossings(plan, analysis.track)
 
     def _fitted(self, requests: tuple[ProfileRequest, ...], longest: float) -> tuple[FeedPlanner, FittedProfiles]:
         """Fit profiles to their baseline, with the feed planner that did it."""

@@ -11,16 +11,23 @@ import math
 from typing import Final
 
 from ph_post.compensate import profile
-from ph_post.compensate.families import shortest_crossing, whole_crossing
+from ph_post.compensate.crossing_times import (
+    MOST,
+    crossing_at_turn,
+    shortest_crossing,
+    turning_acceleration,
+    turning_error,
+)
 from ph_post.compensate.layout import reversing_axes
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult, StrategyTraits
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.compensate.strategies.takeup import refuse_feed_only
 from ph_post.errors import InputError
-from ph_post.types import ENCLOSING_LOOPS, EVERY_LOOP, Window
+from ph_post.geometry.numeric import bisect
+from ph_post.types import ENCLOSING_LOOPS, EVERY_LOOP, Crossing, Window
 from ph_post.units import MM
 
-ERROR: Final = 2e-3 * MM
+ERROR: Final = 1.9e-3 * MM
 """The feed dips where the table would be farther from the path [m]."""
 
 LOWEST: Final = 0.2
@@ -64,25 +71,33 @@ class OnTheFly:
 
     def _request(self, task: PlanningTask, window: Window) -> ProfileRequest:
         lead, period = task.options.inverse_dynamics, task.machine.servo_period
-        drives = reversing_axes(task.sized, [task.turning_points[k] for k in window.members])
+        points, speed = [task.turning_points[k] for k in window.members], task.feed.at(window.s)
+        drives = reversing_axes(task.sized, points)
+        lasts = {axis.name: shortest_crossing(axis, lead, period, MOST) for axis, _ in drives}
+        bends = {point.axis: turning_acceleration(point, 1.0) for point in points}
         own = [(axis, sign) for axis, sign in drives if axis.feedback in self.feedbacks]
-        lasts = {axis.name: shortest_crossing(axis, lead, period) for axis, _ in own}
-        crossings = tuple(whole_crossing(axis, sign, 0.0, lasts[axis.name]) for axis, sign in own)
-        if not crossings:
-            return ProfileRequest(shape=None)
-        longest = max(lasts.values())
-        speed = task.feed.at(window.s)
-        curvature = max(abs(task.turning_points[k].curvature or 0.0) for k in window.members)
-        away = (speed * longest) ** 2 * curvature / 8.0
-        if away <= ERROR:
-            return ProfileRequest(shape=None, crossings=crossings)
-        ratio = max(math.sqrt(ERROR / away), LOWEST)
+
+        def crossed(feed: float) -> tuple[Crossing, ...]:
+            return tuple(
+                crossing_at_turn(axis, sign, lasts[axis.name], bends[axis.name] * feed**2) for axis, sign in own
+            )
+
+        def is_close(ratio: float) -> bool:
+            feed = ratio * speed
+            return all(turning_error(axis, lasts[axis.name], bends[axis.name] * feed**2) <= ERROR for axis, _ in own)
+
+        if is_close(1.0):
+            return ProfileRequest(shape=None, crossings=crossed(speed))
+        ratio = bisect(is_close, LOWEST, 1.0)[0] if is_close(LOWEST) else LOWEST
+        crossings = crossed(ratio * speed)
+        # What is late is late by less than a crossing begins early.
+        hold = 2.0 * max(one.end for one in crossings)
         push = min(axis.limits.acceleration for axis in task.machine.axes.values())
         jerk = min(axis.limits.jerk for axis in task.machine.axes.values())
         lost = (1.0 - ratio) * speed
         ramp = max(STEEPEST * lost / push, math.sqrt(BENT * lost / jerk)) / PART
-        shape = profile.plateau(ramp, longest, ramp, ratio, order=2)
-        return ProfileRequest(shape=shape, t_star=0.5 * longest + ramp, may_leave_window=True, crossings=crossings)
+        shape = profile.plateau(ramp, hold, ramp, ratio, order=2)
+        return ProfileRequest(shape=shape, t_star=0.5 * hold + ramp, may_leave_window=True, crossings=crossings)
 
 
 STRATEGY = OnTheFly()

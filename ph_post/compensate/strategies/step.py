@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from ph_post.compensate.families import whole_crossing
+from ph_post.compensate.crossing_times import whole_crossing
 from ph_post.compensate.layout import reversing_axes
 from ph_post.compensate.offsets import smoothstep
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult, StrategyTraits
