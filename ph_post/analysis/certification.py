@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from ph_post.analysis.turning_points import turning_points
+from ph_post.files.check import counted
 from ph_post.geometry import exact_polynomials
 from ph_post.geometry.curves import Arc
 from ph_post.geometry.reversals import ExactData, StationaryPoints, collect, find_stationary_points
@@ -203,12 +204,11 @@ def certify(track: Track) -> Certificate:
             for one in entries
             if one.reversals != one.found
         ]
-    many = "" if len(exact) == 1 else "s"
     verdict = "found, nothing missing, nothing invented" if not faults else f"{len(found)} found"
     even = sum(root.multiplicity % 2 == 0 for root in roots)
     words = (
-        f"{len(exact)} turning point{many}, counted exactly: {verdict}.",
-        f"{len(roots)} roots of the axes' velocities isolated, {even} of them even: no reversal there.",
+        f"{counted(len(exact), 'turning point')}, counted exactly: {verdict}.",
+        f"{counted(len(roots), 'root')} of the axes' velocities isolated, {even} of them even: no reversal there.",
         *faults,
     )
     return Certificate(ok=not faults, exact=len(exact), found=len(found), entries=entries, words=words)

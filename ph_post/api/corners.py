@@ -35,7 +35,7 @@ def with_rounded_corners(path: Path, tolerance: float | None) -> Path:
     if tolerance is None:
         return path
     found = round_sharp_corners(path, tolerance)
-    return replace(found.path, remarks=(*path.remarks, *_remarks(found.corners, path.axes, tolerance)))
+    return replace(found.path, lines=None, remarks=(*path.remarks, *_remarks(found.corners, path.axes, tolerance)))
 
 
 def _remarks(corners: Sequence[CornerAt], axes: Sequence[str], tolerance: float) -> Iterator[str]:

@@ -192,7 +192,7 @@ class PathCompensation(Compensation):
         table, program = self._plans["table"], self._plans["program"]
         held = ["inverse dynamics"] if table.inverse_dynamics else []
         crosses = bool(program.crossings) or self.crossed is not None
-        held += ["crossings of the gap"] if table.crossings and not crosses else []
+        held += ["crossings of the backlash"] if table.crossings and not crosses else []
         if held:
             caveat = f"the program cannot carry the {' and '.join(held)} of the table"
             self._plans["program"] = with_warnings(program, caveat)

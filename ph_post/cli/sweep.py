@@ -62,7 +62,7 @@ def _span(text: str) -> list[float]:
     callback=_grid,
     required=True,
     metavar="GRID",
-    help="Values of C = N/(η r b), the motor's acceleration in the gap by metre of error [rad/(m s²)].",
+    help="Values of C = N/(η r b), the motor's acceleration in the backlash for each metre of error [rad/(m s²)].",
 )
 @click.option(
     "--axis",

@@ -39,7 +39,7 @@ def motor_gain(servo: Servo, gap: Gap, name: str = "") -> float:
     if fields[0] is None or fields[1] is None or fields[2] is None:
         raise InputError(
             f"axes.{name}" if name else "gap",
-            "a gap inside the loop needs more than its size",
+            "backlash inside the loop needs more than its size",
             expected="gear_ratio, travel_per_rad and inertia_fraction",
         )
     return fields[0] / (fields[2] * fields[1] * servo.b)
@@ -50,7 +50,7 @@ def motor_gap(gap: Gap) -> float:
     if gap.motor_angle is not None:
         return gap.motor_angle
     if gap.gear_ratio is None or gap.travel_per_rad is None:
-        raise InputError("gap", "the motor's angle in the gap is not known", expected="motor_angle or gear_ratio")
+        raise InputError("gap", "the motor's angle in the backlash is not known", expected="motor_angle or gear_ratio")
     return gap.lost_motion * gap.gear_ratio / gap.travel_per_rad
 
 
@@ -70,9 +70,9 @@ POLISHING: Final = 3
 """Newton steps on Δt, each with the motor integrated up to it: the interpolant inside a step that finds the
 crossing is of lower order than the steps themselves."""
 
-OUTSIDE: Final = "the gap lies outside this axis' loop, and the motor does not wait in it"
-NOT_TAKEN_UP: Final = "the motor does not cross the gap in the time looked at"
-TURNS_BACK: Final = "the motor comes back to the flank it has left before it has crossed the gap"
+OUTSIDE: Final = "the backlash lies outside this axis' loop, and the motor does not wait in it"
+NOT_TAKEN_UP: Final = "the motor does not cross the backlash in the time looked at"
+TURNS_BACK: Final = "the motor comes back to the side it has left before it has crossed the backlash"
 
 Method = Literal["DOP853", "Radau"]
 

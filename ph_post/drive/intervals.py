@@ -35,7 +35,7 @@ REMEMBERED: Final = 8192
 
 SMALLER_THAN_GAP: Final = "the axis swings by less than its lost motion, so that the table does not follow it at all"
 NO_SWING: Final = "there is no swing to follow: amplitude and feed must be positive"
-NO_INERTIA: Final = "b is zero: without inertia the motor crosses the gap at once"
+NO_INERTIA: Final = "b is zero: without inertia the motor crosses the backlash at once"
 
 
 def backlash_interval(axis: Axis, amplitude: float, omega: float) -> tuple[BacklashInterval | None, str]:

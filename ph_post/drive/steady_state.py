@@ -62,9 +62,9 @@ orbit of a PI loop can have poles in Δt)."""
 
 OUT_OF_RANGE: Final = "the times of loop, motor and command are too far apart to be computed"
 UNDAMPED: Final = "the loop's free motion does not die out, so that there is no settled orbit"
-NOT_TAKEN_UP: Final = "the motor does not cross the gap between two reversals of the command"
-TURNS_BACK: Final = "there is no orbit with one crossing of the gap each way: the motor turns back inside it"
-NOT_CROSSED: Final = "the motor does not cross the gap within a period of the command, or comes back inside it"
+NOT_TAKEN_UP: Final = "the motor does not cross the backlash between two reversals of the command"
+TURNS_BACK: Final = "there is no orbit with one crossing of the backlash each way: the motor turns back inside it"
+NOT_CROSSED: Final = "the motor does not cross the backlash within a period of the command, or comes back inside it"
 NO_REVERSAL: Final = "the axis does not reverse within one and a half periods of the command"
 
 

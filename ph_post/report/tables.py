@@ -17,8 +17,8 @@ from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.files.check import counted
 from ph_post.quantities import NOTHING, before_and_after, millimetres, seconds
-from ph_post.report.views import radius, windows_by_point
-from ph_post.types import Plan, TurningPoint
+from ph_post.report.views import line_at, radius, windows_by_point
+from ph_post.types import Array, IntArray, Plan, TurningPoint
 from ph_post.units import MM, MS
 
 
@@ -47,14 +47,16 @@ def print_inspection(found: Inspection, stream: TextIO | None = None) -> None:
     """Print the reversals of a path, a line each, notes on them, and the exact count if there is one."""
     stream = stream or sys.stdout
     analysis = found.analysis
-    where = ("#", "kind", "axis", "sense", "segment", "xi", "position", "s", "radius", "window", "limited by")
+    lines = analysis.path.lines
+    place = ("segment", "xi") if lines is None else ("line",)
+    where = ("#", "kind", "axis", "sense", *place, "position", "s", "radius", "window", "limited by")
     gap = ("lag ms", "duration ms", "standstill mm") if analysis.machine is not None else ()
     windows = windows_by_point(analysis.windows)
     rows = []
     for point in analysis.turning_points:
         window = windows.get(point.index)
         half, bound = (NOTHING, NOTHING) if window is None else _window_cells(window.half_length, window.limited_by)
-        rows.append((*_place_cells(point), half, bound, *(_gap_cells(analysis, point) if gap else ())))
+        rows.append((*_place_cells(point, lines), half, bound, *(_gap_cells(analysis, point) if gap else ())))
     stream.write(_heading(analysis))
     if rows:
         stream.write(format_table((*where, *gap), rows) + "\n")
@@ -69,7 +71,7 @@ def _heading(analysis: Analysis) -> str:
     return f"{analysis.path.name}: {points} on {length} (lengths in mm; windows for {analysis.tolerance / MM:g} mm)\n"
 
 
-def _place_cells(point: TurningPoint) -> tuple[str, ...]:
+def _place_cells(point: TurningPoint, lines: tuple[Array, IntArray] | None) -> tuple[str, ...]:
     circle = radius(point)
     size = NOTHING if circle is None else f"{circle / MM:.4g}"
     return (
@@ -77,8 +79,7 @@ def _place_cells(point: TurningPoint) -> tuple[str, ...]:
         point.kind,
         point.axis,
         point.sense,
-        str(point.segment),
-        f"{point.xi:.6f}",
+        *((str(point.segment), f"{point.xi:.6f}") if lines is None else (str(line_at(lines, point.s)),)),
         millimetres(point.position),
         millimetres(point.s),
         size,

@@ -18,13 +18,16 @@ from ph_post.compensate.comparison import crossings_at, strategy_at, window_numb
 from ph_post.compensate.motion import cycle_time, without_strategy
 from ph_post.compensate.offsets import plan_time
 from ph_post.compensate.standstill import standing_time, standstills
+from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
 from ph_post.quantities import millimetres
 from ph_post.types import (
+    Array,
     Axis,
     Command,
     Crossing,
     FeedProfile,
+    IntArray,
     Jog,
     Machine,
     Plan,
@@ -169,7 +172,14 @@ def _turning_point(analysis: Analysis, point: TurningPoint, window: Window | Non
         "window": window_view(window),
         "backlash": _backlash(analysis, point),
         "note": analysis.notes[point.index] or None,
+        **({} if analysis.path.lines is None else {"line": line_at(analysis.path.lines, point.s)}),
     }
+
+
+def line_at(lines: tuple[Array, IntArray], s: float) -> int:
+    """Return the line of a part program at an arc length [m] of its path; of a joint the earlier one."""
+    ends, numbers = lines
+    return int(numbers[min(int(np.searchsorted(ends, s - MEETS)), numbers.size - 1)])
 
 
 def radius(point: TurningPoint) -> float | None:

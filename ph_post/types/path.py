@@ -6,7 +6,7 @@ from typing import Literal, Protocol
 
 import msgspec
 
-from ph_post.types.arrays import Array
+from ph_post.types.arrays import Array, IntArray
 
 Sense = Literal["max", "min"]
 TurningKind = Literal["smooth", "corner", "dwell", "cusp"]
@@ -40,7 +40,8 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class Path(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """An analytic toolpath. `feed` in m/s; `digest` is the hash of the bytes it was read from.
 
-    `remarks` say what was changed of it since then, a sentence each.
+    `remarks` say what was changed of it since then, a sentence each. `lines` are those of the part program that it was
+    read from, from 1, beside the arc lengths [m] at which they end.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Path(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     segments: tuple[Segment, ...]
     digest: str = ""
     remarks: tuple[str, ...] = ()
+    lines: tuple[Array, IntArray] | None = None
 
 
 class TurningPoint(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):

@@ -43,6 +43,10 @@ def test_inspect_finds_the_reversals_of_a_program(capsys, slot):
         ("X", "min", pytest.approx(-10.0)),
     ]
     assert [p["kind"] for p in points] == ["smooth", "dwell", "smooth"]
+    lines = [SLOT.splitlines()[p["line"] - 1] for p in points]
+    assert [line.split()[0] for line in lines] == ["G3", "G1", "G3"]
+    table = run(capsys, "inspect", slot)[1].splitlines()
+    assert [row.split()[4] for row in table[1:5]] == ["line", *(str(p["line"]) for p in points)]
     assert points[0]["radius"] == pytest.approx(10.0)
     assert points[0]["backlash"]["duration"] > 0.0
 

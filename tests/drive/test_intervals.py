@@ -142,7 +142,7 @@ def test_gap_never_taken_up() -> None:
     """A swing so small that the motor is still inside the gap when the command comes back."""
     interval, note = backlash_interval(axis(), 1e-8, OMEGA)
     assert interval is None
-    assert "does not cross the gap" in note
+    assert "does not cross the backlash" in note
 
 
 @pytest.mark.parametrize("feedback", ["load", "motor", "none"])
@@ -196,7 +196,7 @@ def test_gap_inside_the_loop_needs_its_constants() -> None:
 def test_first_reversal_says_why_there_is_none() -> None:
     with pytest.raises(SolveError, match="die out"):
         first_reversal(Servo(b=0.0005, c=0.0), PAPER_GAP, AMPLITUDE, OMEGA)
-    with pytest.raises(SolveError, match="does not cross the gap"):
+    with pytest.raises(SolveError, match="does not cross the backlash"):
         first_reversal(PAPER_SERVO, PAPER_GAP, 1e-9, OMEGA)
     with pytest.raises(SolveError, match="does not reverse"):
         first_reversal(Servo(b=1e6, c=1.0), PAPER_GAP, AMPLITUDE, OMEGA)  # a mass that nothing stops

@@ -182,7 +182,7 @@ def test_what_the_papers_mode_refuses() -> None:
     with pytest.raises(InputError, match=r"axes\.X\.control: the paper's mode knows no integrator"):
         simulate_turning_point(axis(servo=Servo(b=B, c=C_LOOP, ki_over_kp=1.0)), positions, speed, 3.0)
     wide = axis(gap=replace(PAPER_GAP, lost_motion=0.5, motor_angle=1e5))
-    with pytest.raises(SolveError, match="does not cross the gap"):
+    with pytest.raises(SolveError, match="does not cross the backlash"):
         simulate_turning_point(wide, positions, speed, 3.0)
 
 

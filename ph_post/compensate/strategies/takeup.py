@@ -22,7 +22,7 @@ class TakeUp:
     """Stop or slow down, and command the reversing axis through its gap."""
 
     name = "takeup"
-    summary = "the reversing axis is commanded through its gap while the path slows down or stops"
+    summary = "the reversing axis is commanded through its backlash while the path slows down or stops"
     feedbacks = EVERY_LOOP
     traits = StrategyTraits(shifts_axes=True)
 

@@ -40,7 +40,7 @@ _OF_MOTOR = Unit(symbol="degrees of the motor", scale=_per_motor_angle, needs="g
 EFFECT = Effect(
     name="cogging",
     kind="force",
-    summary="a force A sin(2π m/p + φ) that resists the motor at m, its own side of the gap; several add up",
+    summary="a force A sin(2π m/p + φ) that resists the motor at m, its own side of the backlash; several add up",
     source=FEED_DRIVES,
     parameters=(
         Parameter(name="force_n", gives="force", unit=NEWTON, meaning="A, where positive towards minus"),

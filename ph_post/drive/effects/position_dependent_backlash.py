@@ -34,13 +34,15 @@ def _fault(_axis: Axis, values: Values) -> EffectFault | None:
     if abs(values["slope"]) + bump < STEEPEST:
         return None
     gives = "slope" if abs(values["slope"]) >= bump else "bump"
-    return EffectFault(gives=gives, what="the gap changes by as much as the axis travels", expected="a flatter gap")
+    return EffectFault(
+        gives=gives, what="the backlash changes as much as the axis travels", expected="a flatter backlash"
+    )
 
 
 EFFECT = Effect(
     name="position_dependent_backlash",
     kind="state",
-    summary="the gap is that of the axis + slope (x - x_0) + bump exp(-((x - x_c)/w)²/2), never below 0",
+    summary="the backlash is that of the axis + slope (x - x_0) + bump exp(-((x - x_c)/w)²/2), never below 0",
     source=POSITIONING,
     parameters=(
         Parameter(name="slope_mm_per_mm", gives="slope", unit=ONE, default=0.0, meaning="wider for each mm to plus"),
