@@ -198,9 +198,9 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
     Returns
     -------
     dict
-        `act` and `motor` [m] by channel, and as `force` the two columns (n, 2) that make up the effort
+        `act` and `motor` [m] by channel, and as `force` the columns (n, 2) that make up the effort
         K (u - c_e v): what the loops give (:func:`ph_post.drive.hybrid.given_by`) [m], and the speed [m/s] at the
-        loop's own side.
+        loop's own side. In a cascade what is electronic is in u, so that u alone makes it up, (n, 1).
     """
     parts = problem.parts
     period = problem.period / parts
@@ -222,9 +222,10 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
         elif one.channel == "motor":
             found["motor"] = motor[::parts]
         else:
-            side = plant.loop.closed_over(table, motor)
-            speed = np.gradient(side, period)
-            found["force"] = np.stack([given, speed], axis=1)[::parts]
+            columns = [given]
+            if plant.cascade is None:
+                columns.append(np.gradient(plant.loop.closed_over(table, motor), period))
+            found["force"] = np.stack(columns, axis=1)[::parts]
     return found
 
 
@@ -273,7 +274,7 @@ def delayed(values: Array, samples: float) -> Array:
 def residuals(problem: AxisProblem, plant: Plant, origin_free: bool = True) -> dict[Channel, Array]:
     """Return reading minus model by channel (n,) [m or the effort's unit], 0 where nothing was recorded.
 
-    The origin of a position, where that is free, and the two gains of the effort are those that fit best.
+    The origin of a position, where that is free, and the gains of the effort are those that fit best.
     """
     # A model that is tried may run away: what it predicts is then infinite, or nothing.
     with np.errstate(over="ignore", invalid="ignore"):
