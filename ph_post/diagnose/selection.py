@@ -31,7 +31,7 @@ from ph_post.diagnose.search import (
     with_part,
     without_part,
 )
-from ph_post.identify.free_run import AxisProblem, correlation_inflation, split_evenly, with_known_side
+from ph_post.identify.free_run import AxisProblem, correlation_inflation, mean_square, split_evenly, with_known_side
 from ph_post.progress import Progress
 
 EARNS: Final = 8.0
@@ -45,6 +45,9 @@ BLUR: Final = 0.15
 
 LOYAL: Final = 0.4
 """Part of a score that a special case may lack and still be taken, for models that leave more than noise."""
+
+TIMING: Final = frozenset(("transport_delay", "command_filter"))
+"""Names that differ in what they make of a command between its rows."""
 
 MOST: Final = 4
 """Effects that are looked for on one axis."""
@@ -246,15 +249,32 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
     )
 
 
+def _between_rows(problem: AxisProblem, fitted: FittedModel) -> float:
+    """Return what it may be worth [nats] that a command is straight from row to row, or bent as its neighbours say.
+
+    Delays and filters of about a row differ by that alone: in the middle, h²/8 of the acceleration.
+    """
+    bent = np.gradient(problem.speed, problem.period) * (problem.period / problem.parts) ** 2 / 8.0
+    worth = sum(
+        0.5 * np.count_nonzero(use) * np.log1p(mean_square(bent, use) / one.noise**2)
+        for one in problem.positions
+        for use in (problem.held & one.ok,)
+    )
+    return float(worth / correlation_inflation(problem, fitted.left, problem.held))
+
+
 def _equals(
     problem: AxisProblem, last: FittedModel, part: ModelPart, mine: float, ranking: Sequence[ScoredHypothesis]
 ) -> tuple[str, ...]:
     """Names whose score is that of a part, but for those that merely contain it."""
     name = part.hypothesis.name
     margin = _margin(problem, last, mine)
+    in_time = margin + _between_rows(problem, last) if name in TIMING else margin
     found = (
         one.hypothesis.name
         for one in ranking
-        if one.score > mine - margin and one.hypothesis.name != name and name not in one.hypothesis.within
+        if one.score > mine - (in_time if one.hypothesis.name in TIMING else margin)
+        and one.hypothesis.name != name
+        and name not in one.hypothesis.within
     )
     return tuple(dict.fromkeys(found))

@@ -204,20 +204,11 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
     """
     parts = problem.parts
     period = problem.period / parts
-    command = delayed(problem.command if problem.fine is None else problem.fine, plant.command_delay / period)
-    reading_delay = plant.reading_delay / period
-    plant = replace(plant, command_delay=0.0, reading_delay=0.0)
-    start = float(np.median(problem.speed[:3]))
-    trace = AxisCommand(command, float(command[0]), start if abs(start) * period > 1e-9 else 0.0)
-    if plant.cutting:
-        trace = trace._replace(force=cutting_force(plant, _between_rows(problem.velocity, parts), problem.number))
-    flank = first_flank(problem.axis, NOMINAL_SCENARIO)
-    given = np.empty(command.size if problem.has("force") else 0)
-    table, motor, _ = run_plant(trace, plant, flank, period, given)
+    table, motor, given = _run(problem, plant, asked=problem.has("force"))
     found: dict[Channel, Array] = {}
     for one in problem.observed:
         if one.channel == "act":
-            read = delayed(motor if problem.at_motor else table, reading_delay)[::parts]
+            read = delayed(motor if problem.at_motor else table, plant.reading_delay / period)[::parts]
             found["act"] = read_table(plant, problem.t, read, problem.others)
         elif one.channel == "motor":
             found["motor"] = motor[::parts]
@@ -227,6 +218,26 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
                 columns.append(np.gradient(plant.loop.closed_over(table, motor), period))
             found["force"] = np.stack(columns, axis=1)[::parts]
     return found
+
+
+def efforts(problem: AxisProblem, plant: Plant) -> Array:
+    """Return what the loops of a plant give on the command of the log, F/K, shape (n,) [m]."""
+    return _run(problem, plant, asked=True)[2][:: problem.parts]
+
+
+def _run(problem: AxisProblem, plant: Plant, *, asked: bool) -> tuple[Array, Array, Array]:
+    """Return table, motor and, if asked for, what the loops give [m] at every step, before any delay of a reading."""
+    period = problem.period / problem.parts
+    command = delayed(problem.command if problem.fine is None else problem.fine, plant.command_delay / period)
+    plant = replace(plant, command_delay=0.0, reading_delay=0.0)
+    start = float(np.median(problem.speed[:3]))
+    trace = AxisCommand(command, float(command[0]), start if abs(start) * period > 1e-9 else 0.0)
+    if plant.cutting:
+        resists = cutting_force(plant, _between_rows(problem.velocity, problem.parts), problem.number)
+        trace = trace._replace(force=resists)
+    given = np.empty(command.size if asked else 0)
+    table, motor, _ = run_plant(trace, plant, first_flank(problem.axis, NOMINAL_SCENARIO), period, given)
+    return table, motor, given
 
 
 def _between_rows(values: Array, parts: int) -> Array:
@@ -239,12 +250,19 @@ def _between_rows(values: Array, parts: int) -> Array:
 
 
 def with_known_side(problem: AxisProblem) -> AxisProblem:
-    """Decide where a position of unknown side was read: at the motor where the file's model says so."""
+    """Decide where a position of unknown side was read: at the motor where the file's model says so.
+
+    What is wrong by speed or acceleration speaks for neither side: it is a drive that is not quite the file's.
+    """
     if problem.side != "unknown" or not problem.has("act"):
         return problem
+    use = problem.counted & problem.channel("act").ok
+    by_drive = np.stack([np.ones(problem.t.size), problem.speed, np.gradient(problem.speed, problem.period)], axis=1)
+    basis = np.linalg.svd(by_drive[use] / np.maximum(np.abs(by_drive[use]).max(axis=0), 1e-12), full_matrices=False)[0]
     motor = replace(problem, at_motor=True)
-    left = [np.mean(residuals(one, one.plant, True)["act"][one.counted] ** 2) for one in (problem, motor)]
-    return motor if left[1] < left[0] else problem
+    left = [residuals(one, one.plant, True)["act"][use] for one in (problem, motor)]
+    table_off, motor_off = (np.sum((one - basis @ (basis.T @ one)) ** 2) for one in left)
+    return motor if motor_off < table_off else problem
 
 
 def delayed(values: Array, samples: float) -> Array:

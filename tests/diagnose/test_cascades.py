@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 
@@ -10,6 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from ph_post.diagnose.diagnose import diagnose
+from ph_post.diagnose.hypotheses.drives import SATURATION
 from ph_post.identify.free_run import predict, problem_of
 from ph_post.identify.log_quality import examine
 from ph_post.simulate.machine import AxisCommand, run_plant
@@ -75,6 +77,15 @@ def test_hidden_effects(hidden: Callable[[], Log], expected: dict[str, float]) -
     assert found.verdict == "named"
     assert named(found) == {name: pytest.approx(size, rel=0.02) for name, size in expected.items()}
     assert found.steps[-1].holdout_rms < 1.5 * NOISE
+
+
+def test_torque_limits_are_tried_where_the_loops_ask_for_most() -> None:
+    """By what the loops ask for: a cascade that is fed forward has hardly any following error."""
+    hidden, limit = dataclasses.replace(KNOWN, limit=1.9), 1.9 / (KNOWN.kv * KNOWN.wv)
+    log, machine = record(hidden, channels="motor", ways=SHORT), machine_of(KNOWN)
+    problem = problem_of(log, "X", machine.axes["X"], examine(log, machine))
+    assert problem is not None
+    assert min(abs(start[0] / limit - 1.0) for start in SATURATION.starts(problem, {})) < 0.02
 
 
 def in_the_loop(machine: Machine, gap: float) -> Machine:

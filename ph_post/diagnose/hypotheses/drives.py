@@ -18,14 +18,13 @@ from ph_post.diagnose.hypotheses.base import (
     Residuals,
     effect_hypothesis,
     middle,
-    predicted_position,
     reach,
     reversal_step,
 )
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant, base_value, with_base_value
 from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, FITTED
-from ph_post.identify.free_run import AxisProblem
+from ph_post.identify.free_run import AxisProblem, efforts
 
 MOST_GAP: Final = 5e-3
 """Widest gap tried [m]."""
@@ -229,8 +228,8 @@ def _filter(name: str, tried: Sequence[float]) -> Hypothesis:
 
 
 FILTERS: Final = (
-    _filter("moving_average", (0.003, 0.008, 0.02, 0.05)),
-    _filter("exponential_filter", (0.001, 0.003, 0.008, 0.02)),
+    _filter("moving_average", (0.001, 0.003, 0.008, 0.02, 0.05)),
+    _filter("exponential_filter", (0.0003, 0.001, 0.003, 0.008, 0.02)),
 )
 
 
@@ -282,13 +281,12 @@ IMPACT = effect_hypothesis(
 )
 
 
-def _limits(problem: AxisProblem, left: Residuals) -> list[Numbers]:
-    """Return parts of the largest following error that the model asks its motor to answer.
+def _limits(problem: AxisProblem, _left: Residuals) -> list[Numbers]:
+    """Return parts of the most that the loops of the file's model ask its motor for.
 
     They lie close: a limit a hundredth too low is reached so much longer that nothing fits.
     """
-    asked = np.abs(problem.command - predicted_position(problem, left))
-    asked = asked[problem.counted & np.isfinite(asked)]
+    asked = np.abs(efforts(problem, problem.plant))[problem.counted]
     largest = max(float(np.max(asked, initial=0.0)), MICRON)
     return [(float(share * largest),) for share in LIMITS]
 
