@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from textwrap import wrap
@@ -12,6 +13,7 @@ import numpy as np
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.motion import Simulation
 from ph_post.compensate.comparison import Contender
+from ph_post.geometry.numeric import runs
 from ph_post.report.figures import (
     AFTER,
     BEFORE,
@@ -135,27 +137,32 @@ def draw_comparison(name: str, contenders: Sequence[Contender]) -> Figure:
     figure = new_figure(12.0, 5.0)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.3))
     _draw_bars(left, contenders)
-    for number, one in enumerate(contenders):
+    lines: dict[bytes, tuple[Array, list[str]]] = {}
+    for one in contenders:
         if one.ok and one.assessment is not None:
-            _draw_along(right, one.name, one.assessment, COLOURS[number % len(COLOURS)])
+            line = _along(one.assessment)
+            lines.setdefault(line.tobytes(), (line, []))[1].append(one.name)
         if isinstance(one.assessment, Assessment):
             right.set(ylabel=_error_label(one.assessment.run))
         elif one.assessment is not None:
             right.set(ylabel="contour error [µm]")
+    for (line, names), colour in zip(lines.values(), itertools.cycle(COLOURS), strict=False):
+        right.plot(*line, color=colour, linewidth=1.0, label=", ".join(names))
     right.set(xlabel="along the path [mm]")
     legend_above(right, columns=4)
     figure.suptitle(name)
     return figure
 
 
-def _draw_along(axes: Axes, name: str, assessment: Assessment | ProgramError, colour: str) -> None:
+def _along(assessment: Assessment | ProgramError) -> Array:
+    """Places along the path [mm] and errors there [µm], in two rows."""
     if isinstance(assessment, Assessment):
         counted = slice(assessment.first, None)
         s, error = assessment.run.s[counted], assessment.nearest.error[counted]
     else:
         # Where nothing is cut there is a break in the line.
         s, error = assessment.place, np.where(assessment.counted, assessment.distance, np.nan)
-    axes.plot(s / MM, error / MICROMETRE, color=colour, linewidth=1.0, label=name)
+    return np.stack([s / MM, error / MICROMETRE])
 
 
 def _draw_bars(axes: Axes, contenders: Sequence[Contender]) -> None:
@@ -223,6 +230,7 @@ def _draw_both_paths(axes: Axes, picture: Picture) -> None:
     for trace, colour in zip(picture.traces, TWO, strict=False):
         places = np.where(trace.counted[:, None], trace.foot + factor * trace.away, np.nan)
         axes.plot(*_flat(places), color=colour, linewidth=1.0, label=f"{trace.name}, error × {factor:g}")
+        axes.plot(*_flat(places[_holes(trace)]), "o", color=colour, markersize=3.0)
     if picture.marks:
         points = _flat(np.array([one.point for one in picture.marks]))
         axes.plot(*points, "o", color=MARK, markersize=3.5, label="reversal")
@@ -246,6 +254,15 @@ def _frame(axes: Axes, joints: Array, cuts: BoolArray) -> None:
     axes.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
     axes.set_aspect("equal", adjustable="box")
 
+
+def _holes(trace: DrawnMotion) -> list[int]:
+    """Last rows of the cuts that stay on one place of the picture."""
+    foot = _flat(trace.foot)
+    return [int(rows[-1]) for rows in runs(np.flatnonzero(trace.counted)) if np.ptp(foot[:, rows], axis=1).max() < HOLE]
+
+
+HOLE: Final = 1e-3
+"""Size of a cut [mm] that is a hole."""
 
 ROOM: Final = 0.1
 """Room around what is cut, a part of its size."""

@@ -180,6 +180,9 @@ G0 X30 Y0 Z5
 G1 Z-1 F200
 G3 X30 Y0 I-30 J0 F900
 G0 Z5
+G0 X-5 Y10
+G1 Z-2 F200
+G0 Z5
 G0 X-203.1234567 Y-151.7654321
 M2
 """
@@ -207,5 +210,9 @@ def test_a_page_of_steppers_is_framed_on_the_cut_and_has_the_figures_of_the_line
     # Ways there and back are rapids to their ends, though places are rounded.
     (cuts,) = (one for one in shown.drawn("#plane .path:not([stroke-dasharray])") if one)
     assert cuts.count("M") == 1
+    # The hole is where the table stands in it, before and after.
+    holes = [float(one.get_attribute("cx")) for one in shown.page.locator("#plane .hole").all()]
+    assert len(holes) == 2
+    assert abs(holes[0] - holes[1]) > 2.0
     shown.require_quiet()
     shown.close()

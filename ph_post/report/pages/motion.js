@@ -158,6 +158,13 @@ let flat = null;
         const d = strokes(run.s.length, k => v.X(x(k)), k => v.Y(y(k)), k => run.counted[k] && within(run.s[k]) === inside, v.box);
         draw(v.inside, "path", { ...LINE, d, stroke: `var(${COLOURS[r]})`, opacity: inside ? 1 : 0.25, class: `run run${r}` });
       }
+      const [u, w] = view.map(k => column(run, NAMES, k));
+      stretches(run.s.length, k => run.counted[k]).forEach(({ from, to, said }) => {
+        if (!said) return;
+        // A cut that stays on its place in this view is a hole.
+        for (let k = from; k < to; k++) if (Math.hypot(u(k) - u(to), w(k) - w(to)) > 1e-3) return;
+        draw(v.inside, "circle", { cx: v.X(x(to)), cy: v.Y(y(to)), r: 3, fill: `var(${COLOURS[r]})`, class: `hole run${r}` });
+      });
     });
     if (seen.points) numbers(v);
     start(v, pu, pw); ruler(v, "error", "µm", v.scale * mag.factor / 1000);
