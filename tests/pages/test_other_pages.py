@@ -209,7 +209,7 @@ def test_a_page_of_steppers_is_framed_on_the_cut_and_has_the_figures_of_the_line
     assert shown.page.get_by_role("button", name="lag ms").count() == 0
     # Ways there and back are rapids to their ends, though places are rounded.
     (cuts,) = (one for one in shown.drawn("#plane .path:not([stroke-dasharray])") if one)
-    assert cuts.count("M") == 1
+    assert cuts.count("M") == 2  # the circle and the hole
     # The hole is where the table stands in it, before and after.
     holes = [float(one.get_attribute("cx")) for one in shown.page.locator("#plane .hole").all()]
     assert len(holes) == 2
