@@ -261,8 +261,8 @@ def _holes(trace: DrawnMotion) -> list[int]:
     return [int(rows[-1]) for rows in runs(np.flatnonzero(trace.counted)) if np.ptp(foot[:, rows], axis=1).max() < HOLE]
 
 
-HOLE: Final = 1e-3
-"""Size of a cut [mm] that is a hole."""
+HOLE: Final = 0.3
+"""Size of a cut [mm] below which it is a hole: its nearest place on the path may lie on the rapid before it."""
 
 ROOM: Final = 0.1
 """Room around what is cut, a part of its size."""

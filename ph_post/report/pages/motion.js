@@ -161,8 +161,8 @@ let flat = null;
       const [u, w] = view.map(k => column(run, NAMES, k));
       stretches(run.s.length, k => run.counted[k]).forEach(({ from, to, said }) => {
         if (!said) return;
-        // A cut that stays on its place in this view is a hole.
-        for (let k = from; k < to; k++) if (Math.hypot(u(k) - u(to), w(k) - w(to)) > 1e-3) return;
+        // A cut that stays on its place in this view is a hole; the place nearest to it may lie on the rapid before.
+        for (let k = from; k < to; k++) if (Math.hypot(u(k) - u(to), w(k) - w(to)) > 0.3) return;
         draw(v.inside, "circle", { cx: v.X(x(to)), cy: v.Y(y(to)), r: 3, fill: `var(${COLOURS[r]})`, class: `hole run${r}` });
       });
     });
