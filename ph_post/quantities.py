@@ -122,6 +122,8 @@ def with_error(value: float, error: float | None) -> tuple[str, str | None]:
     --------
     >>> with_error(20.4123, 0.1), with_error(0.031234, 0.00134), with_error(12.3456, None)
     (('20.4', '0.1'), ('0.0312', '0.0013'), ('12.35', None))
+    >>> with_error(-0.001, 0.04)
+    ('0.00', '0.04')
     >>> with_error(1.5623e-4, 2e-6), with_error(2.3456e-5, 1.2e-6)
     (('0.000156', '2e-06'), ('2.35e-05', '1.2e-06'))
     """
@@ -137,4 +139,4 @@ def with_error(value: float, error: float | None) -> tuple[str, str | None]:
         return f"{value:.6g}", f"{error:.1g}"
     places = digits - 1 - exponent
     shown = max(places, 0)
-    return f"{round(value, places):.{shown}f}", f"{round(error, places):.{shown}f}"
+    return f"{round(value, places) + 0.0:.{shown}f}", f"{round(error, places):.{shown}f}"

@@ -219,7 +219,7 @@ QUESTIONS: Final = (
     Question(
         "dialect",
         "NAME",
-        "Which controller, that is which words of G-code?",
+        "Which controller runs its programs?",
         "Grbl boards take grbl; where none is yours, the nearest: linuxcnc has most words.",
         _dialects,
         _dialect_default,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import click
@@ -352,9 +352,21 @@ FAILURES_SHOWN = 20
 """Failures that are listed as text at most."""
 
 
+CHECKED: Final[Mapping[str, str]] = {
+    "states": "modal states",
+    "breaks": "tool changes and their like",
+    "jogs": "moves of one axis",
+    "changes": "marked changes",
+    "stretches": "replaced stretches",
+    "feeds": "feed words",
+    "led": "led stretches",
+}
+"""What a verdict counts, where a person needs more words than its key."""
+
+
 def verdict_lines(verdict: Verdict) -> list[str]:
     """List the failures, and what was checked."""
-    looked = ", ".join(f"{number} {name}" for name, number in verdict.checked.items() if number)
+    looked = ", ".join(f"{number} {CHECKED.get(name, name)}" for name, number in verdict.checked.items() if number)
     seen = f"checked: {looked or 'the header'}"
     if verdict.ok:
         return ["ok: only the declared changes were made", seen]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from ph_post.api.comparison import StrategyComparison
@@ -18,7 +18,7 @@ from ph_post.report.tables import chosen_words, format_table
 from ph_post.report.views import View
 from ph_post.simulate.assess import Assessment, scenario_words
 from ph_post.simulate.contour import ContourError, TurningError
-from ph_post.types import Event, Scenario, TurningPoint
+from ph_post.types import Event, EventKind, Scenario, TurningPoint
 from ph_post.units import MM, MM_PER_MIN
 
 COLUMN_NOTES = (
@@ -213,12 +213,26 @@ def turning_table(assessment: Assessment, points: Sequence[TurningPoint]) -> str
     return format_table(header, rows)
 
 
+EVENTS: Final[Mapping[EventKind, str]] = {
+    "opens": "the backlash opens",
+    "picks up": "the motor picks up the table",
+    "falls back": "the motor falls back",
+    "sticks": "the table sticks",
+    "slips": "the table slips",
+    "saturates": "the torque saturates",
+    "recovers": "the torque recovers",
+    "chatters": "the table chatters",
+}
+"""What happens inside an axis, in words."""
+
+
 def event_words(events: Sequence[Event]) -> list[str]:
     """Count the events of each axis, a line for each."""
     counts = Counter((event.axis, event.kind) for event in events)
     axes = sorted({axis for axis, _ in counts})
     return [
-        f"{axis}: " + ", ".join(f"{kind} {n} ×" for (name, kind), n in counts.items() if name == axis) for axis in axes
+        f"{axis}: " + ", ".join(f"{EVENTS[kind]} {n} ×" for (name, kind), n in counts.items() if name == axis)
+        for axis in axes
     ]
 
 
