@@ -158,6 +158,7 @@ def plan_lead(
             carrier="table",
             inverse_dynamics=True,
             allow_retrograde=False,
+            pushes_first=False,
             effort=options.effort * float(one.s[-1]) / whole,
             max_slowdown=max(options.max_slowdown - spare, 0.0),
         )

@@ -13,12 +13,13 @@ from ph_post.compensate.crossing_times import MOST, crossing_at_turn, shortest_c
 from ph_post.compensate.families import BARE, DesignFamily, ReversalCase, jogs_last
 from ph_post.compensate.friction import friction_of, friction_of_machine
 from ph_post.compensate.friction_layout import first_step
-from ph_post.compensate.layout import approached_way, first_direction, reversing_axes
+from ph_post.compensate.layout import approached_way, first_direction, first_pushes, reversing_axes
 from ph_post.compensate.offsets import may_shift, whole_jog
 from ph_post.compensate.search import (
     DesignBounds,
     DesignSearch,
     TriedDesign,
+    allocate,
     best_of,
     largest_lag,
     rest_design,
@@ -55,9 +56,6 @@ STOPS: Final = 4.0
 
 CROSSINGS: Final = 8.0
 """Times that the shortest crossing takes which are tried."""
-
-LEAST_TIME: Final = 1e-6
-"""Time [s] that a design takes at least where gains are weighed by it."""
 
 NOTHING_BETTER: Final = "nothing that was tried is better in every case"
 
@@ -99,6 +97,8 @@ def choose(task: PlanningTask, *choices: Choice, offsets: bool, lead: bool, race
     rivals = [chooser.propose(own) for own in found] if len(found) > 1 else []
     if any(one.design.stop for own in merged for one in own):
         rivals += [chooser.propose([[one for one in own if not one.design.stop] for own in merged])]
+    if chooser.pushing:
+        rivals += [chooser.propose(merged, pushes_first=False)]
     return msgspec.structs.replace(result, rivals=(*rivals, *chooser.smooth_offsets()))
 
 
@@ -148,7 +148,7 @@ class _Chooser:
         ]
         self.friction_first = self._friction_first()
         self.winding = self._approach()
-        self.approach = max(self.winding, self.friction_first)
+        self.pushing = self._pushing()
         pairs = zip(self.places, self.reversing, strict=True)
         self.active = max(sum(place is not None and bool(drives) for place, drives in pairs), 1)
 
@@ -171,15 +171,25 @@ class _Chooser:
             for axis in drives
             if not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0
         ]
-        longest = max(times, default=0.0)
-        return longest if longest <= MOST_APPROACH * self.task.allowed else 0.0
+        return self._as_approach(max(times, default=0.0))
+
+    def _pushing(self) -> float:
+        """Time that it takes to push axes onto their sides whose gap is inside their loop [s], likewise."""
+        task = self.task
+        if not (self.offsets and task.options.pushes_first) or self.written or task.options.start == "moving":
+            return 0.0
+        pushes = first_pushes(self.track, self.sized, task.turning_points, self._turned)
+        return self._as_approach(max((one.end for one in pushes), default=0.0))
+
+    def _as_approach(self, duration: float) -> float:
+        """Return a time before the path [s] if that leaves most of the time allowed, else 0."""
+        return duration if duration <= MOST_APPROACH * self.task.allowed else 0.0
 
     def _friction_first(self) -> float:
         """Time that friction is led for before the path begins, where that leaves most of the time allowed [s]."""
         if self.task.options.start == "moving":
             return 0.0
-        first = first_step(self.task.machine, self.friction)
-        return first if first <= MOST_APPROACH * self.task.allowed else 0.0
+        return self._as_approach(first_step(self.task.machine, self.friction))
 
     @cached_property
     def sites(self) -> tuple[SearchSite, ...]:
@@ -212,9 +222,11 @@ class _Chooser:
                 found[number] = [self._rest(number)]
         return found
 
-    def propose(self, found: Sequence[Sequence[TriedDesign]], part: float = 1.0) -> StrategyResult:
+    def propose(
+        self, found: Sequence[Sequence[TriedDesign]], part: float = 1.0, *, pushes_first: bool = True
+    ) -> StrategyResult:
         """Share the time out where it does most, a part of what is allowed."""
-        time = SPARE * part * self.task.allowed - self.approach
+        time = self._time_for_designs(part, pushes_first=pushes_first)
         picks = allocate(found, time, [self._left_alone(number) for number in range(len(found))])
         if self.task.options.max_standstill is not None:
             picks = self._standing_less(found, picks, self.task.options.max_standstill)
@@ -222,13 +234,19 @@ class _Chooser:
         return StrategyResult(
             requests=tuple(requests),
             proven=True,
-            shorter=lambda less: self.propose(found, less),
+            shorter=lambda less: self.propose(found, less, pushes_first=pushes_first),
             shifted=self._behind(),
             winds_up=self.winding > 0.0,
+            pushes_first=pushes_first and self.pushing > 0.0,
             friction_part=1.0 if self.friction else 0.0,
             friction_first=self.friction_first,
             crosses_by=BARE.name,
         )
+
+    def _time_for_designs(self, part: float = 1.0, *, pushes_first: bool = True) -> float:
+        """Time that is left of a part of what is allowed when the path begins [s]."""
+        approach = max(self.winding, self.friction_first, self.pushing if pushes_first else 0.0)
+        return SPARE * part * self.task.allowed - approach
 
     def _standing_less(
         self, found: Sequence[Sequence[TriedDesign]], picks: Sequence[TriedDesign | None], most: float
@@ -372,7 +390,7 @@ class _Chooser:
     def _case(self, place: Surroundings, number: int) -> ReversalCase:
         """Make the case of a window, with an equal share of the time."""
         drives = self.reversing[number]
-        budget = (SPARE * self.task.allowed - self.approach) / self.active
+        budget = self._time_for_designs() / self.active
         shortest = {axis.name: shortest_crossing(axis, self.lead, self.period) for axis, _ in drives}
         axes = self.task.path.axes
         longest = max(
@@ -393,59 +411,3 @@ class _Chooser:
             friction=self.friction,
             period=self.period,
         )
-
-
-def allocate(
-    candidates: Sequence[Sequence[TriedDesign]], time: float, alone: Sequence[float] = ()
-) -> list[TriedDesign | None]:
-    """Pick a candidate for every window, or none, so that the worst is as good as the time allows.
-
-    Parameters
-    ----------
-    candidates : sequence of sequence of TriedDesign
-        Of every window, by the time they add: each better than those before it.
-    time : float
-        What may be added in all [s].
-    alone : sequence of float, optional
-        Merits [m] of windows that are left alone; infinite, as by default, where none may be that has candidates.
-
-    Returns
-    -------
-    list of TriedDesign or None
-        The quickest ones that reach the best common merit that the time allows; where a window cannot reach
-        it, its best. Where time is short, windows that are better alone than that are left alone; what time is left
-        goes to those that gain most by it.
-    """
-    merits = list(alone) or [math.inf] * len(candidates)
-    better = [[one for one in own if one.merit < merit] for own, merit in zip(candidates, merits, strict=True)]
-
-    def quickest(bound: float) -> list[TriedDesign | None]:
-        return [
-            None if not own or merit <= bound else next((one for one in own if one.merit <= bound), own[-1])
-            for own, merit in zip(better, merits, strict=True)
-        ]
-
-    def taken(picks: Sequence[TriedDesign | None]) -> float:
-        return sum(one.longer for one in picks if one is not None)
-
-    bounds = sorted({one.merit for own in better for one in own} | {merit for merit in merits if merit < math.inf})
-    if not bounds:
-        return [None] * len(candidates)
-    low, high = 0, len(bounds) - 1
-    while low < high:
-        middle = (low + high) // 2
-        if taken(quickest(bounds[middle])) <= time:
-            high = middle
-        else:
-            low = middle + 1
-    picks = quickest(bounds[low])
-    spare = time - taken(picks)
-    rest = [(number, one) for number, own in enumerate(better) if picks[number] is None for one in own]
-    for number, one in sorted(
-        rest,
-        key=lambda pair: (merits[pair[0]] ** 2 - pair[1].merit ** 2) / max(pair[1].longer, LEAST_TIME),
-        reverse=True,
-    ):
-        if picks[number] is None and one.longer <= spare:
-            picks[number], spare = one, spare - one.longer
-    return picks

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from ph_post.compensate.inverse import lead_of_crossing, motor_inertia
 from ph_post.compensate.limit_curve import axis_limits
-from ph_post.compensate.offsets import command_of, smoothstep, travelled
+from ph_post.compensate.offsets import EDGE, command_of, smoothstep, travelled
 from ph_post.compensate.violations import command_noise, usage
 from ph_post.geometry.bernstein import derivative, evaluate
 from ph_post.geometry.track import Track
@@ -43,6 +43,9 @@ SHORTEST: Final = 16
 
 LONGER: Final = 1.02
 """Ratio of the durations that are tried."""
+
+ANSWERS: Final = 3.0
+"""Times in which a servo answers, √b, that an axis is given to be pushed out, and to be pushed back."""
 
 SHARPNESS: Final = frozen(np.geomspace(0.1, 1e4, 61))
 """Values of a T²/g between which delays are looked up."""
@@ -71,6 +74,25 @@ def shortest_crossing(axis: Axis, lead: bool, period: float, part: float = PART)
     else:
         weights = (1.0, lead * axis.servo.c, lead * axis.servo.b)
     return _shortest(gap.lost_motion, weights, tuple(part * bound for bound in bounds), period)
+
+
+def first_push(axis: Axis, direction: int, period: float, part: float = PART) -> Crossing:
+    """Push an axis whose gap is inside its loop out and back by the gap, from 0 s on, before a motion in a direction.
+
+    Back on its place it is on the side of that motion, whichever side it stood on.
+    """
+    limits, push = axis.limits, axis.gap.lost_motion
+    bounds = tuple(part * bound for bound in (limits.velocity, limits.acceleration, limits.jerk))
+    edge = max(_shortest(push, (1.0, 0.0, 0.0), bounds, period), ANSWERS * math.sqrt(axis.servo.b))
+    return Crossing(
+        axis=axis.name,
+        start=0.0,
+        duration=0.0,
+        travel=0.0,
+        order=TRAVEL,
+        push=-direction * push,
+        push_duration=edge / EDGE,
+    )
 
 
 @lru_cache(maxsize=64)

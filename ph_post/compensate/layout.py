@@ -20,6 +20,7 @@ from ph_post.compensate.crossing_times import (
     MOST,
     PART,
     crossing_at_turn,
+    first_push,
     shortest_crossing,
     turning_acceleration,
     whole_crossing,
@@ -57,8 +58,9 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `written` says that the plan becomes a part program, which crosses the gap by jogs at full stops. `shifted` are
     axes with a lasting offset whether or not a request crosses their gap. Without `winds_up` a table begins as
-    the path does, and axes come onto their sides under way. `friction` is by axis what is led of that, from rest
-    in `friction_first` [s] before the path begins.
+    the path does, and axes come onto their sides under way. Where it `pushes_first` axes whose gap is inside their loop
+    are on their sides when the path begins. `friction` is by axis what is led of that, from rest in `friction_first`
+    [s] before the path begins.
     """
 
     track: Track
@@ -73,6 +75,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     written: bool
     shifted: tuple[str, ...] = ()
     winds_up: bool = True
+    pushes_first: bool = False
     friction: Mapping[str, Friction] = {}
     friction_first: float = 0.0
 
@@ -158,8 +161,12 @@ def lay_out(job: Job) -> Layout:
     if dropped:
         return Layout(phases=job.phases, crossings=(), bias={}, dropped=tuple(sorted(dropped)))
     bias, approach = _at_start(job, shifted, stops)
-    rest = max((one.end for one in approach), default=0.0)
-    if approach and not job.written and job.winds_up:
+    rest = max((one.end for one in approach), default=0.0) if job.written or job.winds_up else 0.0
+    if job.pushes_first:
+        pushes = first_pushes(job.track, job.machine, job.turning_points, tuple(job.friction))
+        rest = max(rest, *(one.end for one in pushes), 0.0)
+        approach += pushes
+    if rest and not job.written:
         # Whole periods, so that a row stands where the path begins.
         period = job.machine.servo_period
         stops.holds[0] = math.ceil(rest / period - WHOLE) * period
@@ -302,9 +309,27 @@ def _at_start(job: Job, shifted: Sequence[str], stops: _Stops) -> tuple[dict[str
     return bias, approach
 
 
+def first_pushes(
+    track: Track, machine: Machine, points: Sequence[TurningPoint], without: Sequence[str]
+) -> list[Crossing]:
+    """Push axes whose gap is inside their loop onto the sides of their first motions, `without` some."""
+    axes = [machine.axes[name] for name in track.path.axes if name not in without]
+    inside = [one for one in axes if one.loop.encloses_backlash and one.gap.lost_motion > 0.0]
+    first = {one.name: first_direction(track, points, one.name) for one in inside}
+    return [
+        first_push(one, first[one.name], machine.servo_period)
+        for one in inside
+        if first[one.name] not in (0, KNOWN_SIDES.get(one.gap.initial_flank))
+    ]
+
+
+KNOWN_SIDES: Final = {"+": 1, "-": -1}
+"""Sides on which axes stand at first where a machine file tells it."""
+
+
 def _by_crossings(job: Job, axis: Axis, direction: int, _stops: _Stops) -> tuple[float, list[Crossing | Jog]]:
     """Offset of the first row [m], and the crossings that bring an axis from its flank to the other."""
-    flank = {"+": 1, "-": -1}.get(axis.gap.initial_flank, 0)
+    flank = KNOWN_SIDES.get(axis.gap.initial_flank, 0)
     if flank == direction:
         return lasting_offset(axis, direction), []
     whole, more = job.whole(axis, direction), 1.0 + axis.uncertainty.backlash

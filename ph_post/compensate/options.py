@@ -41,6 +41,8 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
         Whether the path is left as it is: no inverse dynamics, no crossings.
     carrier : {"table", "program"}
         What the plan is written as; what is added to the path in a part program are jogs at full stops.
+    pushes_first : bool
+        Whether a table may push axes onto their sides before the path begins, with the tool off the part.
     effort : float
         How much strategies search that do so, 1 for some ten seconds.
     """
@@ -58,6 +60,7 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
     inverse_dynamics: bool = False
     feed_only: bool = False
     carrier: PlanOutput = "table"
+    pushes_first: bool = True
     effort: float = 1.0
 
     @property

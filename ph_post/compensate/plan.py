@@ -336,12 +336,13 @@ class Planner:
             written=self.options.writes_program,
             shifted=result.shifted,
             winds_up=result.winds_up,
+            pushes_first=result.pushes_first,
             friction=self._friction(result),
             friction_first=first,
         )
         layout = lay_out(job)
         if not result.proven and cycle_time(layout.phases) > self.longest:
-            layout = lay_out(msgspec.structs.replace(job, winds_up=False))
+            layout = lay_out(msgspec.structs.replace(job, winds_up=False, pushes_first=False))
         return layout
 
     def _fitting_warnings(

@@ -198,6 +198,8 @@ class _Race:
             if self.result.friction_part:
                 part, first = self.result.friction_part, self.result.friction_first
                 yield StrategyResult(requests=requests, crosses_by=PLAIN, friction_part=part, friction_first=first)
+            if self.result.pushes_first:
+                yield StrategyResult(requests=requests, crosses_by=PLAIN, pushes_first=True)
 
     def _without_lead(self, task: PlanningTask) -> Iterator[StrategyResult]:
         """Return what is tried without inverse dynamics, whose room takes time that a stop may need more."""
@@ -227,7 +229,7 @@ class _Race:
         """Plan all that is to be tried; what takes too long waits aside, and what breaks a limit is left out."""
         seen: list[tuple[object, ...]] = []
         for number, proposed in enumerate(entrants):
-            looks = (proposed.requests, proposed.shifted, proposed.winds_up)
+            looks = (proposed.requests, proposed.shifted, proposed.winds_up, proposed.pushes_first)
             if looks in seen:
                 continue
             seen.append(looks)

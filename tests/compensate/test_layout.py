@@ -6,11 +6,17 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.motions import look, make_machine, make_path
+from support.two_masses import body_of, table_of
 
+from ph_post.compensate.layout import first_pushes
 from ph_post.compensate.offsets import command_of, lead_in, plan_time
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.plan import make_plan
+from ph_post.compensate.plan import Planner, make_plan
+from ph_post.compensate.strategies.base import StrategyResult
+from ph_post.compensate.violations import check_command
+from ph_post.drive.machinefile import read_machine
 from ph_post.geometry.curves import Arc, Line
 from ph_post.types import Command, Gap, Machine, Path, Plan, Servo
 
@@ -170,3 +176,39 @@ def test_a_table_that_has_no_time_for_it_begins_with_the_path() -> None:
         before = moved_table(bare, LOST, flanks) - bare.position
         assert np.abs(away).max() <= np.abs(before).max() + NEAR
         assert np.sqrt(np.mean(away**2)) < 0.2 * np.sqrt(np.mean(before**2))
+
+
+@pytest.mark.parametrize("rule", ["standstill", "momentum"])
+def test_an_axis_inside_its_loop_is_pushed_onto_its_side_before_the_path_begins(rule):
+    """The tables of an axis that stood on either side run apart by micrometres at first, and as one behind a push."""
+    machine, path = read_machine("mill"), make_path([Line([(0.0, 0.0), (0.01, -0.006)])], 0.03)
+    planner = Planner(
+        look(path, machine), machine, PlanOptions(strategy="takeup", inverse_dynamics=True, max_slowdown=2.0)
+    )
+    apart = []
+    for pushes in (False, True):
+        plan = planner.plan("takeup", StrategyResult(requests=(), pushes_first=pushes))
+        command = command_of(plan, planner.analysis.track, machine.servo_period)
+        begin = lead_in(plan.phases, plan.crossings)
+        assert bool(begin) == pushes
+        assert not check_command(command, machine)
+        sides = [
+            [table_of(body_of(machine.axes[name], rule), own, command.period, side, 0.0) for side in (1, -1)]
+            for name, own in zip(command.axes, command.position.T.copy(), strict=True)
+        ]
+        apart.append(max(np.abs(one - other)[command.t >= begin].max() for one, other in sides))
+    assert apart[0] > 5e-6
+    assert apart[1] < 0.2e-6
+
+
+def test_an_axis_whose_side_is_known_is_not_pushed():
+    track = look(hook(), read_machine("mill")).track
+    machine = read_machine("mill")
+    gaps = {name: replace(axis.gap, initial_flank="-") for name, axis in machine.axes.items()}
+    known = replace(machine, axes={name: replace(machine.axes[name], gap=gap) for name, gap in gaps.items()})
+    assert [one.axis for one in first_pushes(track, machine, (), ())] == ["X", "Y"]
+    assert [one.axis for one in first_pushes(track, machine, (), ("X",))] == ["Y"]
+    # The path goes off along X.
+    found = first_pushes(track, known, (), ())
+    assert "X" in [one.axis for one in found]
+    assert all(one.push < 0.0 for one in found)

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from ph_post.analysis.path_analysis import analyse
-from ph_post.compensate.choose import allocate
 from ph_post.compensate.families import DesignFamily, ReversalCase
 from ph_post.compensate.motion import cycle_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
-from ph_post.compensate.search import DesignBounds, DesignSearch, TriedDesign
+from ph_post.compensate.search import DesignBounds, DesignSearch, TriedDesign, allocate
 from ph_post.compensate.shapes import single
 from ph_post.compensate.trial import Design, Surroundings, TrialResult
 from ph_post.drive.machinefile import read_machine

@@ -127,7 +127,8 @@ class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     carry a lasting offset even if no request crosses their gap, as on a path whose turns are all corners; a part
     program can only if the motion stops at each of their reversals. `crosses_by` names the strategy by which
     crossings are made where no profile names one; by default it is the one that answers. Without `winds_up` no time
-    is spent on bringing axes onto their sides before the path of a table begins.
+    is spent on bringing axes onto their sides before the path of a table begins; with `pushes_first` axes whose gap is
+    inside their loop are pushed onto theirs, too.
     """
 
     requests: tuple[ProfileRequest, ...]
@@ -136,6 +137,7 @@ class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     shifted: tuple[str, ...] = ()
     crosses_by: str = ""
     winds_up: bool = True
+    pushes_first: bool = False
     rests: bool = True
     rivals: tuple[StrategyResult, ...] = ()
     friction_part: float = 0.0
