@@ -17,6 +17,7 @@ from ph_post.dialects.declaration import read_declaration
 from ph_post.drive.intervals import IntervalTable
 from ph_post.edit import undo as edit_undo
 from ph_post.edit.edits import TOLERANCE
+from ph_post.errors import InputError
 from ph_post.expand.writing import EXPANDED, SHIFTED
 from ph_post.files.storage import SourceBytes, is_program, or_shipped, read_raw
 from ph_post.gcode.program import PartProgram
@@ -273,9 +274,18 @@ def undo(program: PartProgram | SourceBytes | Source) -> bytes:
     (False, True)
     """
     raw = program if isinstance(program, PartProgram | SourceBytes) else read_raw(or_shipped("paths", program))
-    data = raw.data
-    if read_declaration(data) is not None or max(EXPANDED.first(data), SHIFTED.first(data)) < 0:
-        data = edit_undo.undo(data, raw.name)
-    shifted = SHIFTED.read(data, raw.name)
+    if read_declaration(raw.data) is None and max(EXPANDED.first(raw.data), SHIFTED.first(raw.data)) >= 0:
+        return _before_changes(raw.data, raw.name)
+    data = edit_undo.undo(raw.data, raw.name)
+    try:
+        return _before_changes(data, raw.name)
+    except InputError:
+        # It was changed by hand before it was compensated: that is the program that was given.
+        return data
+
+
+def _before_changes(data: bytes, name: str) -> bytes:
+    """Return what a program was before it was written out, and its further axes compensated."""
+    shifted = SHIFTED.read(data, name)
     data = data if shifted is None else shifted.original
-    return before_expansion(data, raw.name) or data
+    return before_expansion(data, name) or data

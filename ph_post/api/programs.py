@@ -43,7 +43,7 @@ from ph_post.edit.window_plans import PlannedWindows, WindowPlan, edit_windows, 
 from ph_post.edit.write import apply_edits, declare
 from ph_post.errors import InputError
 from ph_post.gcode.paths import ProgramPath, paths_of
-from ph_post.gcode.program import RAPID, PartProgram
+from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
 from ph_post.post.options import check_block_time
 from ph_post.progress import Progress, no_progress
@@ -394,24 +394,30 @@ def _side_notes(options: EditOptions) -> tuple[str, ...]:
 def _failed_sections(program: PartProgram, after: PartProgram, verdict: Verdict) -> frozenset[int]:
     """Return the sections in which a checker found a failure, all where it lists but some of its failures.
 
-    None are returned where a failure is not within the lines of a section: leaving any alone would not mend that.
+    None are returned where a failure is not within the lines of a section: leaving any alone would not mend that. What
+    is counted over the whole program has no line: the lines are those of the other failures.
     """
     motions = program.motions
     low, _ = section_spans(motions)
-    rapids, of_after = (np.flatnonzero(one.motions.kind == RAPID) for one in (program, after))
+    origins = line_origins(after, program)
     found: set[int] = set()
     for one in verdict.failures:
-        if one.original is None and one.compensated is not None and rapids.size == of_after.size:
-            # Rapids stand for each other one to one: the failure is between two of them.
-            ahead = int(np.searchsorted(after.motions.block[of_after], one.compensated - 1, side="right"))
-            beside = np.clip([ahead - 1, ahead], 0, max(rapids.size - 1, 0))
-            places = rapids[beside] if rapids.size else np.zeros(1, dtype=np.int64)
+        if one.original is not None:
+            first = end = one.original - 1
+        elif one.compensated is None:
+            continue
+        elif origins is None:
+            return frozenset()
         else:
-            line = -1 if one.original is None else one.original - 1
-            last = int(np.searchsorted(motions.block, line, side="right")) - 1
-            behind = int(np.searchsorted(motions.block, line))
-            if last < 0 or behind == motions.block.size or motions.chain[last] != motions.chain[behind]:
-                return frozenset()
-            places = np.array([last, behind])
-        found.update((np.searchsorted(low, places, side="right") - 1).tolist())
+            first, end = int(origins.first[one.compensated - 1]), int(origins.end[one.compensated - 1])
+            # What was only added stands between two lines.
+            first, end = (first, end - 1) if end > first else (first - 1, first)
+        last = int(np.searchsorted(motions.block, first, side="right")) - 1
+        behind = int(np.searchsorted(motions.block, end))
+        if last >= 0 and behind < motions.block.size and motions.chain[last] == motions.chain[behind]:
+            found.update((np.searchsorted(low, [last, behind], side="right") - 1).tolist())
+        elif one.original is not None:
+            return frozenset()
+        elif last >= 0:
+            found.add(int(np.searchsorted(low, last, side="right")) - 1)
     return frozenset(range(low.size) if verdict.found > len(verdict.failures) else found)

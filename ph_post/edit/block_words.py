@@ -178,6 +178,9 @@ _CENTERS: Final = tuple(CENTERS.values())
 _FULL: Final = 1e-9
 _MOST_DECIMALS: Final = 9
 
+_LARGEST: Final = 2.0**62
+"""Steps of the last decimal that can be counted."""
+
 
 def fine_decimals(program: PartProgram, decimals: int) -> int:
     """Decimals on which every position that a program names is exact, and those written too."""
@@ -229,6 +232,9 @@ class PartWords:
         """Lengths [m] as whole steps of the finest decimal."""
         decimals = self._coarse if coarse else self._fine
         count = np.rint(np.where(np.isnan(length), 0.0, length) / self.modal.units * 10.0**decimals)
+        if np.abs(count).max() * 10.0 ** (self._fine - decimals) > _LARGEST:
+            where = f"{self.program.name}:{self.block + 1}"
+            raise InputError(where, "a place that has too many digits to be written")
         return np.asarray(count.astype(np.int64) * 10 ** (self._fine - decimals))
 
     def _point(self, share: float) -> IntArray:

@@ -182,17 +182,22 @@ def _stop_place(stop: StopEdit) -> tuple[int, float]:
 def join_stops(stops: Sequence[StopEdit]) -> StopEdit:
     """Make one stop of stops at one place: the longest of their pauses, their shifts one after the other.
 
-    In the air the axes wait for their motors together, when all have been shifted.
+    In the air the axes wait for their motors together, when all have been shifted. Elsewhere, where one of them rests
+    between its moves, so do the others, and what only crosses its backlash comes last.
     """
     first = stops[0]
     if all(one.approach for one in stops):
         longest = max(one.shifts[-1].pause for one in stops)
-        rests = [0.0] * (len(stops) - 1) + [longest]
+        waits = [0.0] * (len(stops) - 1) + [longest]
         stops = [
             replace(one, shifts=(*one.shifts[:-1], replace(one.shifts[-1], pause=rest)))
-            for one, rest in zip(stops, rests, strict=True)
+            for one, rest in zip(stops, waits, strict=True)
         ]
     shifts = tuple(shift for stop in stops for shift in stop.shifts)
+    rests = [shift.pause for shift in shifts if shift.pause > 0.0]
+    if rests and not any(one.approach for one in stops):
+        ordered = sorted(shifts, key=lambda shift: shift.whole)
+        shifts = tuple(replace(shift, pause=max(shift.pause, min(rests))) for shift in ordered)
     return StopEdit(
         motion=first.motion,
         share=first.share,

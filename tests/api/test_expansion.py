@@ -180,3 +180,18 @@ def test_what_is_no_program_is_not_written_out(file, line, what):
     file.write_bytes(line + b"\n" + file.read_bytes())
     with pytest.raises(InputError, match=what):
         ph.compensate(file, "stepper", dialect="linuxcnc", expand=True)
+
+
+def test_what_was_changed_by_hand_after_it_was_written_out_comes_back_as_it_was_given(file, tmp_path):
+    plain = ph.compensate(file, "stepper", dialect="linuxcnc", expand=True, max_slowdown=1.0)
+    by_hand = ph.undo(_written(plain, tmp_path / "once.ngc"))
+    assert by_hand == file.read_bytes()
+    expanded = plain.original.data.replace(b"X20", b"X21")
+    file.write_bytes(expanded)
+    again = ph.compensate(file, "stepper", dialect="linuxcnc", max_slowdown=1.0)
+    assert ph.undo(_written(again, tmp_path / "twice.ngc")) == expanded
+
+
+def _written(result, out):
+    result.write(out)
+    return out

@@ -405,6 +405,14 @@ def test_an_axis_that_rests_in_the_first_cut_comes_to_its_place_from_either_side
         assert np.abs(table[:begins] - motor[0])[:, 1].max() <= 0.5 * XY[1] + 1e-9
 
 
+@pytest.mark.parametrize("dialect", ["linuxcnc", "marlin"])
+def test_an_axis_that_comes_to_its_first_place_shares_its_stop_with_one_that_turns_there(dialect: str) -> None:
+    text = "G21\nG90\nG0 X15.463\nG1 X12.656 Y13.367 F600\nG3 X11.779 Y15.136 I-1.06 J0.576\n"
+    one = compensate(text.encode(), machine(dialect), dialect=dialect)
+    assert re.search(r"(?:X\+, Y\+|Y\+, X\+), crossing X-", one.text.decode())
+    assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=machine(dialect)).failures == ()
+
+
 BEGINS_LOWER = ["G2 X-5 Y0 I-5 J0 Z-1 F500\nG2 X5 Y0 I5 J0 Z-2\n", "G93\nG1 X-5 Y2 Z-1 F60\nX5 Y0 Z-2 F60\nG94\n"]
 
 

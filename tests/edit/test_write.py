@@ -300,6 +300,12 @@ def test_numbers_of_a_float_s_digits_are_shifted_and_come_back() -> None:
     assert verify(found.program, read_program(found.text, "part.ngc"), tolerance=1e-6).failures == ()
 
 
+def test_a_place_of_more_steps_than_can_be_counted_is_refused() -> None:
+    text = START + "G1 X5.123456789\nX0\nX10000000000\nX0\nM2\n"
+    with pytest.raises(InputError, match=r"part\.ngc:\d+: a place that has too many digits to be written"):
+        compensate(text.encode(), STEPPER)
+
+
 def test_numbers_keep_their_manner() -> None:
     text = START + "X+.5\nX 1 0.\nX-0.010\nX007.5\nX-.01\nX.0\nX20\nx+0.00\nG1 X10.00000\nM2\n"
     found = compensate(text.encode(), STEPPER)
