@@ -18,6 +18,7 @@ def batch_page(rows: Sequence[BatchRow], missing: int = 0) -> str:
 
 
 def _view(row: BatchRow) -> dict[str, Any]:
+    left = f"not compensated: {row.not_compensated}" if row.not_compensated else ""
     return {
         "file": one_line(row.file),
         "machine": row.machine,
@@ -29,7 +30,7 @@ def _view(row: BatchRow) -> dict[str, Any]:
         "reversals": [row.compensated, row.reversals],
         "share": row.share,
         "seconds": round(row.seconds, 2),
-        "words": [one_line(word) for word in (row.reason, row.not_compensated, *row.warnings) if word],
+        "words": [one_line(word) for word in (row.reason, left, *row.warnings) if word],
     }
 
 

@@ -82,8 +82,9 @@ def _result(found: ResultSummary) -> View:
 
 def _side_words(picture: Picture) -> list[str]:
     """Say how far the table is to the left and to the right of the path, where an error has a side."""
+    path = "the path, in its plane" if "Z" in picture.axes else "the path"
     return [
-        f"{name}: at most {micrometres(side[0])} µm to the left and {micrometres(side[1])} µm to the right of the path"
+        f"{name}: at most {micrometres(side[0])} µm to the left and {micrometres(side[1])} µm to the right of {path}"
         for name, side in zip(("original", "compensated"), picture.summary.sides, strict=True)
         if side is not None and any(side)
     ][: len(picture.traces)]

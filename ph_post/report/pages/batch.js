@@ -64,7 +64,7 @@ const total = values => values.reduce((sum, v) => sum + (v || 0), 0);
       columns.forEach(([, cell], n) => r.append(el("td", cell(ROWS[k]), n === wordy ? "words" : "")));
       body.append(r);
     });
-    told.textContent = found.length > shown ? `${shown} of ${found.length}` : `${found.length}`;
+    told.textContent = `${Math.min(shown, found.length)} of ${ROWS.length} shown`;
     more.hidden = found.length <= shown;
   }
   fill();
