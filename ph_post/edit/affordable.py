@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.plan_warnings import round_up
-from ph_post.edit.crossings import COARSER
+from ph_post.edit.crossings import COARSER, FINE
 from ph_post.edit.edits import EditOptions
 from ph_post.edit.reversal_search import ReversalSearch
 from ph_post.edit.reversals import MOTION
@@ -41,7 +41,7 @@ class AffordedChanges(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Changes within the time allowed: by axis the rows of :func:`~ph_post.edit.reversals.find_reversals`.
 
     `coarser` is the largest error of crossings as a multiple of the least, `slowdown` what they cost, relative;
-    `short` where that is too much for all of them.
+    `short` where that is too much for all of them, or for fine ones.
     """
 
     changes: dict[str, Array]
@@ -69,7 +69,13 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
     for coarser in (1.0, *COARSER):
         cost = every if coarser == 1.0 else search.cost(found, coarser)
         if cost <= allowed:
-            return AffordedChanges(changes=found, coarser=coarser, slowdown=cost / total, warnings=search.warnings)
+            return AffordedChanges(
+                changes=found,
+                coarser=coarser,
+                slowdown=cost / total,
+                warnings=search.warnings,
+                short=coarser > FINE,
+            )
     _leave_costly(search, options, allowed, round_up(every / total))
     _take_back(search, options, allowed)
     low, high = 0.0, 1.0

@@ -12,7 +12,7 @@ from ph_post.edit.crossing_shapes import BALANCED, OUTER, OUTWARD, CrossingShape
 from ph_post.edit.edits import CrossingEdit, CrossingPart
 from ph_post.edit.lagging_crossings import CrossingArcs, bent_line, lead_time
 from ph_post.edit.reversals import motion_view
-from ph_post.gcode.program import AXES, LINE, Motions
+from ph_post.gcode.program import AXES, CUBIC, LINE, Motions
 from ph_post.geometry.numeric import polyline_distances
 from ph_post.types import Array, BoolArray
 from ph_post.units import MM
@@ -115,13 +115,13 @@ def exaggeration(shape: CrossingShape, lag: float) -> float:
     return (1.0 + ahead / (LEAD * shape.wait)) ** 2
 
 
-def _stretch(places: Array, passed: Array, points: Array) -> float:
+def _stretch(way: Array, passed: Array, points: Array) -> float:
     """Return how much longer the motor's way is than the path's, where it is least on the parts of a block.
 
     The path's is what the motor or its table passes of it, the longer of both.
     """
     ways = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    return 1.0 + CAUTIOUS * max(float((ways / np.maximum(np.diff(places), np.diff(passed))).min()) - 1.0, 0.0)
+    return 1.0 + CAUTIOUS * max(float((ways / np.maximum(np.diff(way), np.diff(passed))).min()) - 1.0, 0.0)
 
 
 class CrossingPlace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -242,8 +242,9 @@ class CrossingPlanner:
         -------
         error : float
             Its largest distance from the path [m].
-        places : Array, shape (2, n)
-            Places along the path of the motor, and where the table is nearest to it then [m].
+        places : Array, shape (3, n)
+            Places along the program, the way of the path up to them, and up to where the table is nearest to it then
+            [m].
         """
         s = np.unique(np.concatenate([np.linspace(knots.s[0], knots.s[-1], SAMPLES), knots.s]))
         path = points_along(self._view, self._along, s)
@@ -271,7 +272,11 @@ class CrossingPlanner:
         ahead = (off * tangent).sum(axis=1) / (1.0 - (off * np.gradient(tangent, s, axis=0)).sum(axis=1))
         # Beside a joint the nearest place of the path is no longer across from it.
         error = error if error <= ERROR else min(error, float(polyline_distances(table, path).max()))
-        return error, np.stack([s, s + ahead])
+        way = s
+        if (self._motions.kind[self._motion_at(s[0]) : self._locate(s[-1])[0] + 1] == CUBIC).any():
+            # Places on a cubic go by its parameter.
+            way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+        return error, np.stack([s, way, way + ahead])
 
     def _in_rest(self, spot: CrossingPlace) -> _Knots | None:
         """Cross while the axis rests anyway: on a straight stretch of the rest, and no slower."""
@@ -477,7 +482,8 @@ class CrossingPlanner:
             stretched = 1.0
             if raised:
                 own = np.append(s[n - 1], ends)
-                stretched = _stretch(own, np.interp(own, *places), np.concatenate([points[n - 1 : n], path + added]))
+                way, passed = (np.interp(own, places[0], row) for row in places[1:])
+                stretched = _stretch(way, passed, np.concatenate([points[n - 1 : n], path + added]))
             low = s[n - 1]
             for end, extra in zip(ends.tolist(), added, strict=True):
                 parts.append(self._part(low, end, extra, knots.speed[n], stretched, line=knots.line[n]))

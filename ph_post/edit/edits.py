@@ -120,8 +120,8 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `joints` are shares at which motions with crossings are divided besides, by motion.
     `kept` [m/s]: speed that is kept in what crossings leave of a motion, where that is less than its feed.
     `rounding` [m]: to which joints of crossings are rounded on motions at whose ends the controller stops, 0 for not.
-    `slowdown` is what stops and crossings are reckoned to cost, relative; `short` says that more would have cost more
-    than is allowed; `warnings` name what is not compensated.
+    `slowdown` is what stops and crossings are reckoned to cost, relative; `short` says that more, or finer crossings,
+    would have cost more than is allowed; `warnings` name what is not compensated.
     """
 
     offset: Array

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ph_post.gcode.program import PartProgram
+from ph_post.gcode.program import CUBIC, PartProgram
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
 from ph_post.verify.crossings import CrossedStretches
@@ -61,8 +61,11 @@ def _check_letters(case: VerifyCase, change: int) -> None:
     (one, *old), (other, *new) = _spans(case, change)
     there = set(_OWN) | set(one.words.letter[one.words.rows(old[0], old[1])].tolist())
     rows = other.words.rows(new[0], new[1])
+    # A part of a G5.1 is a G5, which has a P and a Q.
+    splines = other.motions.block[other.motions.kind == CUBIC]
     for word in range(rows.start, rows.stop):
-        if int(other.words.letter[word]) not in there:
+        letter = int(other.words.letter[word])
+        if letter not in there and not (letter == ord("Q") and other.words.block[word] in splines):
             text = other.data[other.words.start[word] : other.words.end[word]].decode("latin-1")
             case.findings.add(
                 "command",

@@ -6,6 +6,7 @@ from msgspec.structs import replace
 from support.compensated import headed
 from support.corpus import stepper
 from support.editing import with_edits
+from support.random_cuts import random_cut
 
 from ph_post.api.compensated_program import NOTED, ProgramRequest
 from ph_post.api.compensation import compensate
@@ -70,6 +71,33 @@ def test_a_divided_spline_at_an_unknown_height_has_a_length():
         replace(stepper(), dialect="grblhal"),
     )
     assert found.after.data.count(b"G5") > 2
+
+
+SPLINES = [
+    "G5 X2 Y6 I0.5 J0.2 P4 Q-1",
+    "G5.1 X1.2 Y3 I1.5 J0.5",
+    "G5.1 X0.627 Y-3.684 I-0.373 J-1.372\nG5.1 X1.221 Y-4.827 I0 J-0.876",
+]
+"""X turns on them, and their parameter goes along them at speeds of its own."""
+
+
+@pytest.mark.parametrize("spline", SPLINES)
+def test_a_reversal_on_a_spline_is_crossed_whatever_its_parameter(spline):
+    """The checker measures along the path: it finds the feeds of the crossing right."""
+    text = f"G21 G90 G17 G94 G64 P0.01\nG0 X0 Y0 Z5\nG1 Z-1 F300\nG1 X1 Y-2 F400\n{spline}\nG1 X0 Y12\nG0 Z5\nM2\n"
+    found = delivered(text, request=asked(0.15))
+    assert [one.axis for one in found.edits.crossings] == ["X"]
+    before, after = (motion.error.rms for motion in found.motions)
+    assert after < 0.2 * before
+
+
+def test_crossings_are_as_fine_as_the_time_allows():
+    """What they cost is reckoned on the safe side: a plan that takes less than that is made again."""
+    cut = random_cut(35)
+    found = delivered(cut.text, replace(stepper(cut.machine.dialect), dialect=cut.machine.dialect), asked(0.1))
+    before, after = found.motions
+    assert after.time <= 1.105 * before.time
+    assert max(one.error for one in found.edits.crossings) < 5e-3 * MM
 
 
 def test_a_short_cut_from_an_unknown_height_is_no_jog():

@@ -52,7 +52,14 @@ def test_defects_are_read_and_named_and_not_refused():
 
 
 @pytest.mark.parametrize(
-    ("rate", "least"), [("compensated", 0.95), ("within_ten_percent_of_time", 1.0), ("restored", 1.0)]
+    ("rate", "least"),
+    [
+        ("compensated", 0.95),
+        ("rms_five_times_down", 0.87),
+        ("p95_five_times_down", 0.87),
+        ("within_ten_percent_of_time", 1.0),
+        ("restored", 1.0),
+    ],
 )
 def test_the_rates_over_all_programs(rate, least):
     done, every = RATES[rate]

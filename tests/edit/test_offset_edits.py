@@ -211,8 +211,15 @@ def test_at_the_beginning_of_a_chain_a_change_waits_for_the_first_rapid() -> Non
 
 def test_an_axis_that_carries_no_offset_is_not_declared() -> None:
     # Where Y begins is not known, and behind its rapid nothing is cut.
-    edits = plan("G21 G90 G17 F600\nG0 X0\nG1 X10 Y5\nX4\nG0 Y1\nM2\n")
+    edits = plan("G21 G90 G17 F600\nG0 X0\nG1 X10\nX4 Y5\nG0 Y1\nM2\n")
     assert list(edits.amplitude) == ["X"]
+
+
+def test_an_axis_that_rests_while_others_cut_is_on_its_side_before_a_rapid_takes_it_away() -> None:
+    # As a printer's X does, which homes, and draws its first line along Y.
+    edits = plan("G21 G90 G17 F600\nG1 X10 Y5\nX4\nG0 Y1\nM2\n")
+    assert signs(edits, "Y") == [-1, -1, 0]
+    assert of_axis(edits, "Y")[0] == (0, 1.0, -1.0)
 
 
 def test_a_tool_change_separates() -> None:

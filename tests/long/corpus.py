@@ -25,6 +25,9 @@ from support.corpus_judge import FOLLOWED, GAP, SHOWS, Judged, judge
 FIVE = 5.0
 """Times by which the rms is to fall."""
 
+LEAST = 1e-6
+"""Errors that are smaller [mm] are none."""
+
 
 def expectation(judged: Judged) -> dict[str, Any]:
     """Return the part of a finding that the manifest holds."""
@@ -50,12 +53,23 @@ def rates(found: dict[str, Judged]) -> dict[str, Any]:
         "p95_five_times_down": _fallen(played, lambda row: row.p95),
         "within_ten_percent_of_time": [sum(b <= 1.105 * a for a, b in (row.time for row in timed)), len(timed)],
         "restored": [sum(row.restored for row in rows), len(rows)],
+        "rms_less_than_five_times_down": sorted(
+            name for name, row in found.items() if row in played and not _five_times_down(row.rms)
+        ),
+        "reversals_left": {
+            name: row.reversals - row.compensated for name, row in found.items() if row.compensated < row.reversals
+        },
     }
+
+
+def _five_times_down(pair: Any) -> bool:
+    before, after = pair
+    return bool(FIVE * after <= max(before, LEAST))
 
 
 def _fallen(rows: Iterable[Judged], of: Any) -> list[int]:
     pairs = [of(row) for row in rows]
-    return [sum(FIVE * after <= before for before, after in pairs), len(pairs)]
+    return [sum(map(_five_times_down, pairs)), len(pairs)]
 
 
 def main() -> None:

@@ -26,6 +26,9 @@ from ph_post.types import Machine
 from support import cam_posts, random_cuts
 
 HERE = Path(__file__).resolve().parents[1] / "corpus"
+TOOLS = HERE / "tools.tbl"
+"""Table of the tools whose radius programs with cutter compensation need."""
+
 NCFILES = Path("/usr/share/linuxcnc/ncfiles")
 SAMPLES = Path("/usr/share/doc/linuxcnc/examples/sample-configs/sim")
 AXIS = Path("/usr/share/axis/images")
@@ -87,7 +90,6 @@ class Entry:
     file: Path
     dialect: str = "linuxcnc"
     text: str = ""
-    expand: bool = False
 
     @property
     def origin(self) -> str:
@@ -130,7 +132,7 @@ def installed() -> list[Entry]:
     folders = {"nc_files": NCFILES, "configs": SAMPLES, "axis": AXIS}
     files = ((label, folder, file) for label, folder in folders.items() for file in sorted(folder.rglob("*.ngc")))
     return [
-        Entry(f"linuxcnc/{label}/{file.relative_to(folder).with_suffix('')}", file, expand=True)
+        Entry(f"linuxcnc/{label}/{file.relative_to(folder).with_suffix('')}", file)
         for label, folder, file in files
         if file.is_file() and not file.is_symlink() and file.stat().st_size <= BIG
     ]
@@ -149,8 +151,7 @@ def _written() -> Iterator[Entry]:
     for origin, dialect in WRITTEN.items():
         file = HERE / f"{origin}.toml"
         for name, one in tomllib.loads(file.read_text(encoding="utf-8")).items():
-            text, expand = one["text"].lstrip("\n"), one.get("expand", False)
-            yield Entry(f"{origin}/{name}", file, one.get("dialect", dialect), text, expand)
+            yield Entry(f"{origin}/{name}", file, one.get("dialect", dialect), one["text"].lstrip("\n"))
 
 
 def _posted() -> Iterator[Entry]:

@@ -18,7 +18,8 @@ from ph_post.api.options import CompensateOptions
 from ph_post.errors import PhPostError
 from ph_post.files.storage import SourceBytes
 from ph_post.progress import no_progress
-from support.corpus import Entry, stepper
+from support.canon_player import canon_moves
+from support.corpus import TOOLS, Entry, stepper
 from support.ideal_play import distances
 from support.reference_player import BEGINS, Move, interpret, play
 from support.sinumerik_motions import Run as SiemensRun
@@ -39,6 +40,9 @@ RAPID = 0.5
 TAKEN_UP = 3.0 * GAP
 """Distance [mm] from a rapid's way within which an axis may come to its side of the backlash, away from all cuts."""
 
+SAME_HEIGHT = 1e-6
+"""Difference of heights that is none [mm]."""
+
 BAND = 0.005
 """Ways back [mm] that are no reversal."""
 
@@ -47,6 +51,20 @@ SHOWS = 0.003
 
 FOLLOWED = 0.35
 """Part of that error that is left where a reversal is compensated."""
+
+PRINTERS = ("marlin", "klipper")
+"""Dialects of machines that home, and cut nothing where they push no filament."""
+
+THOUSAND = 1000.0
+"""Increments of a Fanuc controller in a millimetre: lengths without a point count them."""
+
+_END = re.compile(r"^[N\d\s]*M0?(?:2|30)\b", re.MULTILINE)
+"""Where a program ends: what is behind it is not run, or called."""
+
+_SWITCHES = re.compile(r"^[^(;\n]*\bM4(?:28|29|30)\b", re.MULTILINE | re.IGNORECASE)
+"""Words with which LinuxCNC's machines of five axes switch their kinematics: X, Y and Z are then no axes of theirs."""
+
+_UNDOTTED = re.compile(r"([XYZIJKR])([-+]?\d+)(?![\d.])")
 
 _UNREAD = re.compile(r"#.*|^\s*(?:M117|PROG|END|O\d|%|\$).*|[A-Z](?=\s*(?:[A-Z]|$))", re.MULTILINE)
 """Text, numbers of programs and letters without numbers."""
@@ -73,11 +91,15 @@ class Judged(NamedTuple):
 
 
 def judge(entry: Entry) -> Judged:
-    """Compensate a program on the stepper machine, and play both."""
+    """Compensate a program on the stepper machine, what it computes written out, and play both."""
     source = SourceBytes(name=entry.title, stem=entry.name.rpartition("/")[2], data=entry.data)
     try:
         result = compensated(
-            source, stepper(entry.dialect), CompensateOptions(expand=entry.expand), "program", no_progress
+            source,
+            stepper(entry.dialect),
+            CompensateOptions(expand=True, tool_table=TOOLS),
+            "program",
+            no_progress,
         )
         text = result.program()
         rows = result.axis_reversals
@@ -98,11 +120,15 @@ def judge(entry: Entry) -> Judged:
 def compare(found: Judged, dialect: str, before: bytes, after: bytes) -> Judged:
     """Play a program before and after compensation, and add to a finding what the tables do."""
     one, other = (_played(dialect, data) for data in (before, after))
-    if one is None or other is None or not all((cuts & _deep(places)).any() for places, cuts in (one, other)):
+    if one is None or other is None:
+        return found
+    path = one[0][one[1] | np.append(one[1][1:], False)]
+    one, other = _in_the_work(one, one), _in_the_work(other, one)
+    if not (one[1].any() and other[1].any()):
         return found
     # A printer's Z goes up from where homing left it, on a side that only the firmware knows.
-    rises = dialect in ("marlin", "klipper") and b"offset Z" not in after
-    return _compared(found, one, other, "XY" if rises else "XYZ")
+    rises = dialect in PRINTERS and b"offset Z" not in after
+    return _compared(found, one, other, path, "XY" if rises else "XYZ")
 
 
 def _played(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
@@ -115,39 +141,67 @@ def _played(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
             thin = max(1, len(run.path) // MOST)
             return run.path[::thin], run.cutting[::thin]
         # Printers home; others stand where nobody knows.
-        begins = [(0.0, 0.0, 0.0)] if dialect in ("marlin", "klipper") else BEGINS
-        read = _UNREAD.sub("", text.upper())
-        runs = [[move for move in interpret(read, begin) if move.length > 0.0] for begin in begins]
+        begins = [(0.0, 0.0, 0.0)] if dialect in PRINTERS else BEGINS
+        if _SWITCHES.search(text):
+            return None
+        told = [canon_moves(text, begin, TOOLS.read_text()) for begin in begins] if dialect == "linuxcnc" else [None]
+        if all(moves is not None for moves in told):
+            return _sampled(told)
+        read = _UNREAD.sub("", _END.split(text.upper())[0])
+        if dialect == "fanuc":
+            read = _UNDOTTED.sub(lambda found: f"{found[1]}{float(found[2]) / THOUSAND}", read)
+        laid = _laid(read) if dialect in PRINTERS else None
+        return _sampled([interpret(read, begin) for begin in begins], laid)
     except (ArithmeticError, LookupError, TypeError, ValueError):
         return None
-    return _sampled(runs) if runs[0] else None
 
 
-def _sampled(runs: list[list[Move]]) -> tuple[np.ndarray, np.ndarray]:
+def _laid(text: str) -> set[int] | None:
+    """Numbers of the lines in which a printer pushes filament; None where no line has a word for it."""
+    found, absolute, at = set(), True, 0.0
+    for number, line in enumerate(text.splitlines(), 1):
+        words = dict(re.findall(r"([A-Z])([-+]?[\d.]+)", line.partition(";")[0]))
+        absolute = {"82": True, "83": False}.get(words.get("M", ""), absolute)
+        if "E" not in words:
+            continue
+        before, at = at if absolute else 0.0, float(words["E"])
+        if words.get("G") != "92" and at > before:
+            found.add(number)
+    return found if re.search(r"^[^;\n]*E[-+]?[\d.]", text, re.MULTILINE) else None
+
+
+def _sampled(runs: list[list[Move]], laid: set[int] | None = None) -> tuple[np.ndarray, np.ndarray] | None:
     """Return places, and whether the tool cuts there, of moves that lead from several places at the beginning.
 
-    A move that leads from where the machine happens to stand is no more than a rapid to its end.
+    A move that leads from where the machine happens to stand is no more than a rapid to its end, and one of a printer
+    in another line than those `laid` no more than one through the air.
     """
-    moves, last = runs[0], [run[-1].end for run in runs]
-    step = max(COARSE, sum(move.length for move in moves if move.mode) / MOST)
+    moving = [same for same in zip(*runs, strict=True) if any(move.length > 0.0 for move in same)]
+    if not moving:
+        return None
+    last = [move.end for move in moving[-1]]
+    step = max(COARSE, sum(same[0].length for same in moving if same[0].mode) / MOST)
     points, cuts = [], []
-    for number, move in enumerate(moves):
-        ends = np.array([(run[number].start - to, run[number].end - to) for run, to in zip(runs, last, strict=True)])
+    for same in moving:
+        move = same[0]
+        ends = np.array([(one.start - to, one.end - to) for one, to in zip(same, last, strict=True)])
         known = bool(np.ptp(ends, axis=0).max() < 1e-9)
         count = max(2, math.ceil(move.length / (step if move.mode else RAPID))) if known else 1
-        if known and not points:
-            points, cuts = [move.start[None]], [np.zeros(1, dtype=bool)]
+        if not points:
+            # On an axis on which all begin at one place it is known from where the first move comes.
+            begin = np.where(np.ptp(ends[:, 0], axis=0) < 1e-9, move.start, move.end)
+            points, cuts = [begin[None]], [np.zeros(1, dtype=bool)]
         points.append(move.at(np.linspace(0.0, 1.0, count + 1)[1:]))
-        cuts.append(np.full(count, known and move.mode > 0))
+        cuts.append(np.full(count, known and move.mode > 0 and (laid is None or move.line in laid)))
     return np.concatenate(points), np.concatenate(cuts)
 
 
 Places = tuple[np.ndarray, np.ndarray]
 
 
-def _compared(found: Judged, one: Places, other: Places, axes: str) -> Judged:
-    (motor, cuts), (after, cuts_after) = ((places, cuts & _deep(places)) for places, cuts in (one, other))
-    path, tree = motor[cuts | np.append(cuts[1:], False)], cKDTree(motor[cuts])
+def _compared(found: Judged, one: Places, other: Places, path: np.ndarray, axes: str) -> Judged:
+    (motor, cuts), (after, cuts_after) = one, other
+    tree = cKDTree(motor[cuts])
     cuts_after &= ~((distances(after, path) > TAKEN_UP) & (distances(after, motor) < TAKEN_UP))
     labels = _stretches(motor, cuts)
     worst: list[tuple[np.ndarray, ...]] = []
@@ -164,10 +218,29 @@ def _compared(found: Judged, one: Places, other: Places, axes: str) -> Judged:
     return found._replace(rms=rms, p95=p95, shown=int(shown.sum()), followed=int(followed.sum()))
 
 
-def _deep(motor: np.ndarray) -> np.ndarray:
-    """Mask of the places below those at which the tool goes through the air; all of them where Z hardly moves."""
-    top, bottom = motor[:, 2].max(), motor[:, 2].min()
-    return motor[:, 2] < (top - 2.0 * GAP if top - bottom > 4.0 * GAP else math.inf)
+def _in_the_work(made: Places, original: Places) -> Places:
+    """Leave out what cuts nothing: the height at which the tool goes from place to place, and the end of rapids.
+
+    Behind a rapid an axis comes to its side of the backlash within `TAKEN_UP` of where a rapid of the original ended,
+    and no lower. Where Z hardly moves that is no cut up to where the tool is nearest to that end: it is on its way
+    there.
+    """
+    motor, cuts = made
+    kept = cuts.copy()
+    # Before the first move it stands where nobody knows.
+    top, bottom = motor[1:, 2].max(), motor[1:, 2].min()
+    flat = bool(top - bottom <= 4.0 * GAP)
+    if not flat:
+        kept &= motor[:, 2] < top - 2.0 * GAP
+    ends = original[0][~original[1]]
+    near, nearest = cKDTree(ends).query(motor)
+    there = (near < TAKEN_UP) & (motor[:, 2] >= ends[nearest, 2] - SAME_HEIGHT)
+    for row in np.flatnonzero(cuts & ~np.append(False, cuts[:-1])).tolist():
+        behind = row + int(np.argmin(np.append(cuts[row:] & there[row:], False)))
+        if flat and behind > row:
+            behind = row + int(np.argmin(near[row:behind]))
+        kept[row:behind] = False
+    return motor, kept
 
 
 def _table(motor: np.ndarray, side: float, axes: str) -> np.ndarray:

@@ -28,12 +28,12 @@ class Interpreted:
     refusal: str
 
 
-def interpret(data: bytes, folders: tuple[Path, ...] = ()) -> Interpreted:
+def interpret(data: bytes, folders: tuple[Path, ...] = (), tools: str = _TOOLS) -> Interpreted:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         file, ini, table = (folder / one for one in ("program.ngc", "machine.ini", "tool.tbl"))
         file.write_bytes(data)
-        table.write_text(_TOOLS, encoding="ascii")
+        table.write_text(tools, encoding="ascii")
         places = ":".join(map(str, folders))
         prefix = f"[DISPLAY]\nPROGRAM_PREFIX = {folders[0]}\n" if folders else ""
         ini.write_text(f"[RS274NGC]\nSUBROUTINE_PATH = {places}\n{prefix}", encoding="utf-8")

@@ -56,8 +56,9 @@ class Move:
             a, b, _ = self.plane
             x, y = self.start[a] - self.center[0], self.start[b] - self.center[1]
             turned = math.atan2(y, x) + share * self.sweep
-            points[:, a] = self.center[0] + math.hypot(x, y) * np.cos(turned)
-            points[:, b] = self.center[1] + math.hypot(x, y) * np.sin(turned)
+            first, last = math.hypot(x, y), math.hypot(*(self.end[[a, b]] - self.center))
+            points[:, a] = self.center[0] + (first + share * (last - first)) * np.cos(turned)
+            points[:, b] = self.center[1] + (first + share * (last - first)) * np.sin(turned)
         return points
 
     def tangent(self, last: bool) -> np.ndarray:

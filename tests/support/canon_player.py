@@ -1,0 +1,86 @@
+"""Moves of a program as LinuxCNC's own interpreter tells them: cycles, loops, compensated cutters and splines too."""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+from functools import lru_cache
+
+import numpy as np
+
+from .interpreted import interpret
+from .reference_player import Move
+
+MM = 25.4
+"""Its calls are in inches."""
+
+PLANES = {1: (0, 1, 2), 2: (1, 2, 0), 3: (2, 0, 1)}
+"""Axes by the number of the canonical plane: XY, YZ, ZX."""
+
+_FIRST = re.compile(r"\A\s*%[^\n]*\n")
+"""A line with nothing but a percent sign, with which a program may begin."""
+
+
+_DELETED = re.compile(r"^[ \t]*/.*$", re.MULTILINE)
+"""Lines that are left out where the switch of the machine is on, as it is here."""
+
+
+@lru_cache(maxsize=8)
+def canon_moves(text: str, begin: tuple[float, float, float], tools: str) -> list[Move] | None:
+    """Moves of the motors from a place [mm] where the machine happens to stand; None where LinuxCNC refuses."""
+    if shutil.which("rs274") is None:
+        return None
+    text = _DELETED.sub("", text)
+    head = _FIRST.match(text)
+    at = head.end() if head else 0
+    goes = f"G21 G90 G0 X{begin[0]} Y{begin[1]} Z{begin[2]}\n"
+    found = interpret((text[:at] + goes + text[at:]).encode(), tools=tools)
+    return None if found.refusal or not found.full else _moves(found.full)[1:]
+
+
+def _moves(calls: list[list]) -> list[Move]:
+    """Return the moves of calls in mm, in the coordinates of the motors."""
+    moves: list[Move] = []
+    at = work = shift = tool = np.zeros(3)
+    turned, plane, feed = 0.0, PLANES[1], 0.0
+
+    def place(point: np.ndarray) -> np.ndarray:
+        x, y, z = point + shift
+        cos, sin = math.cos(turned), math.sin(turned)
+        return MM * (np.array([cos * x - sin * y, sin * x + cos * y, z]) + work + tool)
+
+    for name, *numbers in calls:
+        if name == "set_plane":
+            plane = PLANES[numbers[0]]
+        elif name == "set_xy_rotation":
+            turned = math.radians(numbers[0])
+        elif name == "set_g5x_offset":
+            work = np.array(numbers[1:4])
+        elif name == "set_g92_offset":
+            shift = np.array(numbers[:3])
+        elif name == "tool_offset":
+            tool = np.array(numbers[:3])
+        elif name == "set_feed_rate":
+            feed = MM * numbers[0]
+        elif name in ("straight_traverse", "straight_feed", "straight_probe", "rigid_tap"):
+            end = place(np.array(numbers[:3]))
+            moves.append(Move(int(name not in ("straight_traverse", "straight_probe")), at, end, 0, feed))
+            if name == "rigid_tap":
+                moves.append(Move(1, end, at, 0, feed))
+                continue
+            at = end
+        elif name == "arc_feed":
+            a, b, c = plane
+            point, center = np.zeros(3), np.zeros(3)
+            point[[a, b, c]] = numbers[0], numbers[1], numbers[5]
+            center[[a, b]] = numbers[2:4]
+            end, middle, turns = place(point), place(center), int(numbers[4])
+            first, last = (math.atan2(one[b] - middle[b], one[a] - middle[a]) for one in (at, end))
+            way = math.copysign(1.0, turns)
+            sweep = (last - first) * way % (2.0 * math.pi)
+            sweep = 2.0 * math.pi if sweep < 1e-9 or sweep > 2.0 * math.pi - 1e-9 else sweep
+            sweep += 2.0 * math.pi * (abs(turns) - 1)
+            moves.append(Move(2 if turns < 0 else 3, at, end, 0, feed, plane, (middle[a], middle[b]), way * sweep))
+            at = end
+    return moves
