@@ -31,7 +31,7 @@ from ph_post.diagnose.search import (
     with_part,
     without_part,
 )
-from ph_post.identify.free_run import AxisProblem, correlation_inflation, mean_square, split_evenly, with_known_side
+from ph_post.identify.free_run import AxisProblem, correlation_inflation, split_evenly, with_known_side
 from ph_post.progress import Progress
 
 EARNS: Final = 8.0
@@ -47,7 +47,10 @@ LOYAL: Final = 0.4
 """Part of a score that a special case may lack and still be taken, for models that leave more than noise."""
 
 TIMING: Final = frozenset(("transport_delay", "command_filter"))
-"""Names that differ in what they make of a command between its rows."""
+"""Names that make a command late."""
+
+SHORT: Final = 2.0
+"""Rows of the command up to which they are each other's rivals: a filter may be straight in between, or smooth."""
 
 MOST: Final = 4
 """Effects that are looked for on one axis."""
@@ -249,18 +252,9 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
     )
 
 
-def _between_rows(problem: AxisProblem, fitted: FittedModel) -> float:
-    """Return what it may be worth [nats] that a command is straight from row to row, or bent as its neighbours say.
-
-    Delays and filters of about a row differ by that alone: in the middle, h²/8 of the acceleration.
-    """
-    bent = np.gradient(problem.speed, problem.period) * (problem.period / problem.parts) ** 2 / 8.0
-    worth = sum(
-        0.5 * np.count_nonzero(use) * np.log1p(mean_square(bent, use) / one.noise**2)
-        for one in problem.positions
-        for use in (problem.held & one.ok,)
-    )
-    return float(worth / correlation_inflation(problem, fitted.left, problem.held))
+def _is_short(problem: AxisProblem, part: ModelPart) -> bool:
+    """Return whether a delay or a filter is so short that it rests on what a command does between its rows."""
+    return part.hypothesis.name in TIMING and part.numbers[0] <= SHORT * problem.period / problem.parts
 
 
 def _equals(
@@ -269,11 +263,11 @@ def _equals(
     """Names whose score is that of a part, but for those that merely contain it."""
     name = part.hypothesis.name
     margin = _margin(problem, last, mine)
-    in_time = margin + _between_rows(problem, last) if name in TIMING else margin
+    short = _is_short(problem, part)
     found = (
         one.hypothesis.name
         for one in ranking
-        if one.score > mine - (in_time if one.hypothesis.name in TIMING else margin)
+        if (one.score > mine - margin or (short and one.hypothesis.name in TIMING and at_floor(problem, one.fitted)))
         and one.hypothesis.name != name
         and name not in one.hypothesis.within
     )

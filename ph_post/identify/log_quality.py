@@ -8,9 +8,10 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
+from ph_post.drive.cascade import way_of_motor
 from ph_post.files.check import counted
 from ph_post.identify import noise
-from ph_post.identify.between import interpolation_error
+from ph_post.identify.between import ORDERS, interpolation_error, parts_between, refined
 from ph_post.identify.linear_drive import (
     find_shift,
     linear_position,
@@ -20,7 +21,7 @@ from ph_post.identify.linear_drive import (
     taken_up,
 )
 from ph_post.identify.noise import Repeat, find_repeats
-from ph_post.types import Array, Axis, Log, Machine
+from ph_post.types import Array, Axis, Log, Machine, Servo
 from ph_post.types.diagnosis import Channel, ChannelQuality, LogQuality, recorded_channels
 from ph_post.units import MICROMETRE, MM, MS
 
@@ -270,12 +271,33 @@ def _channel(
 
 
 def _between(log: Log, drive: Axis | None, reading: ChannelReading) -> float:
-    """Return what the command may do between its rows to a position [m], root mean square."""
-    if drive is None or reading.channel == "force":
+    """Return what the command may do between its rows to a reading, root mean square [m or the effort's unit]."""
+    if drive is None:
         return 0.0
-    error = interpolation_error(log.axes[reading.axis].command, log.period)
-    answer = linear_response(error, drive.servo, log.period)
+    command = log.axes[reading.axis].command
+    if reading.channel == "force":
+        return _effort_between(command, drive.servo, reading.values, log.period)
+    answer = linear_response(interpolation_error(command, log.period), drive.servo, log.period)
     return math.sqrt(float(np.mean(answer**2)))
+
+
+def _effort_between(command: Array, servo: Servo, effort: Array, period: float) -> float:
+    """Return the same of an effort: every second row of the command is left out, and less comes of it by ORDERS."""
+    if parts_between(period) == 1 or servo.b == 0.0:
+        return 0.0
+    whole, coarse = _moving_effort(command, servo, period), _moving_effort(command[::2], servo, 2.0 * period)
+    known = np.isfinite(effort)
+    gain = float(whole[known] @ effort[known]) / max(float(whole[known] @ whole[known]), 1e-300)
+    off = whole[::2][: coarse.size] - coarse
+    return abs(gain) * math.sqrt(float(np.mean(off**2))) / ORDERS[0]
+
+
+def _moving_effort(command: Array, servo: Servo, period: float) -> Array:
+    """Return what a motion takes, F/K, shape (n,) [m]: inertia and damping, without friction."""
+    parts = parts_between(period)
+    fine = period / parts
+    speed = np.gradient(way_of_motor(servo, refined(command - command[0], parts), fine), fine)
+    return np.asarray(servo.b * np.gradient(speed, fine) + servo.damping * speed)[::parts]
 
 
 def _faults(
@@ -373,15 +395,15 @@ def _channel_notes(reading: ChannelReading, quality: ChannelQuality, log: Log, m
     """Yield what a person should know about one channel."""
     side = f"{reading.axis}_{reading.channel}"
     between = _between(log, machine.axes.get(reading.axis), reading)
+    unit, of = ("", 1.0) if reading.channel == "force" else (" µm", MICROMETRE)
     if between > SAID_BETWEEN * quality.noise:
         yield (
             f"{side}: rows are {log.period / MS:.3g} ms apart, which is long for this drive: what its command does in"
-            f" between is known to {between / MICROMETRE:.2g} µm of the reading, and counts as noise"
+            f" between is known to {between / of:.2g}{unit} of the reading, and counts as noise"
         )
     if quality.missing:
         yield f"{side}: {quality.missing} of {log.t.size} samples are missing"
     if quality.unrepeated is not None:
-        unit, of = ("", 1.0) if reading.channel == "force" else (" µm", MICROMETRE)
         yield (
             f"{side}: runs of the same motion differ by {quality.unrepeated / of:.3g}{unit} rms, far more than"
             " the reading changes from sample to sample: something does not repeat, which is not taken for noise"

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from ph_post.diagnose.diagnose import diagnose
 from ph_post.diagnose.hypotheses.drives import SATURATION
-from ph_post.identify.free_run import predict, problem_of
+from ph_post.identify.free_run import predict, problem_of, residuals
 from ph_post.identify.log_quality import examine
 from ph_post.simulate.machine import AxisCommand, run_plant
 from ph_post.types import AxisLog, Gap, Log, Machine
@@ -77,6 +77,23 @@ def test_hidden_effects(hidden: Callable[[], Log], expected: dict[str, float]) -
     assert found.verdict == "named"
     assert named(found) == {name: pytest.approx(size, rel=0.02) for name, size in expected.items()}
     assert found.steps[-1].holdout_rms < 1.5 * NOISE
+
+
+@pytest.mark.parametrize("every", [4, 10])
+def test_what_a_force_shows_between_far_rows_counts_as_noise(every: int) -> None:
+    """What is left of it by the true model is no more than that, and not a small part of it."""
+    drive = Drive(kv=80.0, wv=430.0, tn=8e-3)
+    track = Track().rest(0.3).move((0.01, 0.0), 0.05, 1.0).rest(0.2).move((-0.02, 0.0), 0.1, 1.0).rest(0.2)
+    moved = follow(PlantOfTests("motor", 1.0 / (drive.kv * drive.wv), 1.0 / drive.kv, drive=drive), track)
+    rows = np.s_[::every]
+    axis = AxisLog(
+        command=moved.command[rows], motor=moved.motor[rows], effort=1e6 * moved.drive[rows], effort_unit="N"
+    )
+    log = Log(name="far", t=moved.t[rows], period=every * PERIOD, axes={"X": axis})
+    problem = problem_of(log, "X", machine_of(drive).axes["X"], examine(log, machine_of(drive)))
+    assert problem is not None
+    left = float(np.sqrt(np.mean(residuals(problem, problem.plant)["force"] ** 2)))
+    assert 0.5 * left < problem.channel("force").noise < 10.0 * left
 
 
 def test_torque_limits_are_tried_where_the_loops_ask_for_most() -> None:
