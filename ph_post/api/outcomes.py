@@ -175,7 +175,7 @@ def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) 
         return ()
     said, expanded = [f"line {notes[0].first + 1}: {notes[0].what}"], expand or EXPANDED.first(program.data) >= 0
     if not expanded and any(note.what.startswith(_WRITTEN_OUT.get(base, ())) for note in notes):
-        said.append("--expand writes out what computes")
+        said.append("--expand writes it out as plain moves")
     if base in WRITTEN_AS_LINUXCNC and any(note.what.startswith(_CUTTER) for note in notes):
         said.append(f"{'' if expanded else '--expand '}--tool-table FILE works out cutter compensation")
     return (f"{counted(len(notes), 'stretch', 'stretches')} passed through unchanged ({'; '.join(said)})",)

@@ -54,7 +54,7 @@ def slow_feed_warnings(caps: LimitCurve) -> list[str]:
     if not found:
         return []
     length = sum(float(caps.s[run[-1]] - caps.s[run[0]]) for run in found)
-    share = f", {length / MM:.3g} mm of {caps.s[-1] / MM:.4g} mm in all" if length > 0.0 else ""
+    share = f", {millimetres(length)} mm of {millimetres(float(caps.s[-1]))} mm in all" if length > 0.0 else ""
     lowest = int(np.argmin(np.where(slow, caps.soft, np.inf)))
     places = "one place" if len(found) == 1 else f"{len(found)} places"
     return [

@@ -162,7 +162,7 @@ def test_repeats_parameters_and_cycles_of_heidenhain(tmp_path):
     how = {"dialect": "heidenhain", "max_slowdown": 1.0}
     plain = ph.compensate(source, "stepper", **how)
     assert (
-        "--expand writes out what computes"
+        "--expand writes it out as plain moves"
         in passed_through(read_as("heidenhain", source.read_bytes(), "a"), "heidenhain")[0]
     )
     result = ph.compensate(source, "stepper", expand=True, **how)

@@ -108,7 +108,7 @@ def test_what_is_passed_through_is_not_compensated(part: Path, capsys: pytest.Ca
     said, _ = ended(capsys, "convert", str(part), "-m", "stepper", "--max-slowdown", "10")
     assert said[-2].startswith("NOT COMPENSATED: ")
     assert "passed through unchanged (line 13: " in said[-2]
-    assert said[-2].endswith("; --expand writes out what computes)")
+    assert said[-2].endswith("; --expand writes it out as plain moves)")
     said, _ = ended(capsys, "convert", str(part), "-m", "stepper", "--max-slowdown", "10", "--expand")
     assert not any("NOT COMPENSATED" in line for line in said[-2:])
 
@@ -117,8 +117,8 @@ def test_what_is_passed_through_is_not_compensated(part: Path, capsys: pytest.Ca
     ("dialect", "text", "way"),
     [
         ("linuxcnc", "G41 D1\nG1 X20\nG40 X30\n", "--expand --tool-table FILE works out cutter compensation"),
-        ("fanuc", "M98 P100\n", "--expand writes out what computes"),
-        ("siemens", "LAB: G1 X20\nX30\nREPEAT LAB P2\n", "--expand writes out what computes"),
+        ("fanuc", "M98 P100\n", "--expand writes it out as plain moves"),
+        ("siemens", "LAB: G1 X20\nX30\nREPEAT LAB P2\n", "--expand writes it out as plain moves"),
         ("linuxcnc", "M300 (a macro of the shop's own)\n", "M300"),
     ],
 )
