@@ -43,8 +43,9 @@ def command(
     """Simulate a path or an interpolator table on the machine, and show the errors of the part.
 
     IN is a path file (.json), the name of a shipped one, a part program (.ngc, .nc, .tap, …) or - for
-    standard input; it is planned first, as by `convert --table`. Or IN is an interpolator table (.csv, .npz,
-    .parquet); its contour error is computed if --path names the path that it was made for.
+    standard input; it is planned first, as by `convert --table`. (`ph-post report` runs a part program on a
+    model of its controller instead.) Or IN is an interpolator table (.csv, .npz, .parquet); its contour error
+    is computed if --path names the path that it was made for.
 
     All cases that the machine file leaves open are simulated: the side of the backlash on which an axis
     starts, the pick-up rule, and backlash, beta and gain off by their uncertainties. `error` is the worst of

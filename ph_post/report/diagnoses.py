@@ -170,7 +170,7 @@ def diagnosis_lines(
         *verdict_sentences(diagnosis),
         *(f"fault: {fault}" for fault in diagnosis.quality.faults if diagnosis.verdict != "not-identifiable"),
         *_quality_lines(diagnosis.quality, efforts or {}),
-        *_place_lines("Where machine file and log differ:", diagnosis.places),
+        *_place_lines("Where machine file and log differ by more than noise, the excess:", diagnosis.places),
         *_gap_lines(diagnosis),
         *(line for found in diagnosis.findings for line in _finding_lines(found)),
         *(_place_lines("What remains:", diagnosis.remaining) if len(diagnosis.steps) > 1 else ()),

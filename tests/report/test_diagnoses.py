@@ -190,7 +190,8 @@ def test_the_lines_hold_quality_places_gap_parameters_and_evidence():
         "The log: a sample every 1 ms (jitter up to 0.02 ms); the first 0.35 s are ignored",
         "  X_act: noise 0.2 µm (from repeats), steps of 0.1 µm, 3 missing, 2 ms late",
         "  X_force: noise 0.5 N (from differences)",
-        "Where machine file and log differ:\n  82 % of the excess lies within 40 ms after X reversals\n",
+        "Where machine file and log differ by more than noise, the excess:\n"
+        "  82 % of the excess lies within 40 ms after X reversals\n",
         "Residual between log and model, rms (noise floor 0.20 µm):",
         "Coulomb friction (X): within 40 ms after X reversals, 99 % sure\n  force = 20.4 ± 0.1 N\n  evidence: the lag",
         "A constant load (X): everywhere\n  force = -3.17 N (standard error unknown)",
@@ -212,7 +213,7 @@ def test_what_is_to_be_run_next_is_said_with_what_to_record():
 def test_places_come_largest_first_whatever_their_order():
     larger = replace(diagnosis().places[1], share=0.9, sentence="larger")
     lines = diagnosis_lines(diagnosis(places=(*diagnosis().places, larger)))
-    at = lines.index("Where machine file and log differ:")
+    at = lines.index("Where machine file and log differ by more than noise, the excess:")
     assert lines[at + 1 : at + 3] == ["  larger", "  82 % of the excess lies within 40 ms after X reversals"]
 
 

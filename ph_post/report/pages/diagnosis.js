@@ -63,7 +63,7 @@ if (D.next_experiment) {
 if (D.notes.length) list(section("What else to know"), D.notes);
 
 // Where it lies.
-for (const [title, places] of [["Where machine file and log differ", D.places], ["What remains", D.gap.steps.length > 1 ? D.remaining : []]]) {
+for (const [title, places] of [["Where machine file and log differ by more than noise, the excess", D.places], ["What remains", D.gap.steps.length > 1 ? D.remaining : []]]) {
   if (!places.length) continue;
   const s = section(title), axes = [...new Set(places.map(one => one.axis))];
   // The axis with most of it comes first, as the places do.
