@@ -27,7 +27,7 @@ from ph_post.api.led_programs import (
     require_lead,
 )
 from ph_post.api.results import ProgramMotion
-from ph_post.compensate.plan_warnings import doubtful_values
+from ph_post.compensate.plan_warnings import doubtful_values, round_up
 from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.dialects.base import Dialect
 from ph_post.dialects.declaration import Declaration, line_origins, read_declaration
@@ -163,10 +163,14 @@ def _better(one: CompensatedProgram, other: CompensatedProgram) -> CompensatedPr
     return other if float(ratio.mean()) < 1.0 else one
 
 
-def _nothing_gained(program: PartProgram, edits: Edits) -> Edits:
-    """Return no edits, with the reason why those that were planned are not written."""
+def _nothing_gained(program: PartProgram, edits: Edits, enough: float) -> Edits:
+    """Return no edits, with the reason why those that were planned are not written.
+
+    `enough` is the slowdown of a plan that makes the part better, infinite where none was found.
+    """
     nothing = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
-    said = "not compensated: no plan within the time allowed makes the part better; a larger --max-slowdown may"
+    more = "a larger --max-slowdown may" if math.isinf(enough) else f"--max-slowdown {round_up(enough):g} would allow one"
+    said = f"not compensated: no plan within the time allowed makes the part better; {more}"
     return replace(nothing, warnings=(*edits.warnings, said))
 
 
@@ -267,7 +271,7 @@ class _PlanSearch:
         self._said: tuple[str, ...] = ()
         self._best: CompensatedProgram | None = None
         self._kept: tuple[EditOptions, GuardFinding] | None = None
-        self._over, self._further = math.inf, 0
+        self._over, self._further, self._enough = math.inf, 0, math.inf
         self._planned: set[float] = set()
 
     def run(self, options: EditOptions) -> CompensatedProgram:
@@ -289,8 +293,10 @@ class _PlanSearch:
         if self._best is not None:
             return self._best
         original = self._original
-        said = replace(edits, warnings=(*edits.warnings, *self._said))
-        edits = said if edits.empty else _nothing_gained(original, edits)
+        if edits.empty and math.isinf(self._enough):
+            edits = replace(edits, warnings=(*edits.warnings, *self._said))
+        else:
+            edits = _nothing_gained(original, edits, self._enough)
         return CompensatedProgram(before=original, after=original, edits=edits, windows=self._planner.windows)
 
     def _written(self, edits: Edits) -> tuple[CompensatedProgram, frozenset[int]]:
@@ -328,6 +334,8 @@ class _PlanSearch:
         if judged is None:
             self._best = self._best or made
             return None
+        if not judged.worse:
+            self._enough = min(self._enough, judged.slowdown)
         tighter = tightened(options, judged, self._request.edit.max_slowdown, self._count)
         if tighter is not None:
             if self._kept is not None or tighter.max_slowdown < options.max_slowdown:
