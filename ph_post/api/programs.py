@@ -169,7 +169,9 @@ def _nothing_gained(program: PartProgram, edits: Edits, enough: float) -> Edits:
     `enough` is the slowdown of a plan that makes the part better, infinite where none was found.
     """
     nothing = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
-    more = "a larger --max-slowdown may" if math.isinf(enough) else f"--max-slowdown {round_up(enough):g} would allow one"
+    more = "a larger --max-slowdown may"
+    if math.isfinite(enough):
+        more = f"--max-slowdown {round_up(enough):g} would allow one"
     said = f"not compensated: no plan within the time allowed makes the part better; {more}"
     return replace(nothing, warnings=(*edits.warnings, said))
 
