@@ -106,8 +106,8 @@ def referred_to_middle(machine: Machine) -> Machine:
     return replace(machine, axes=axes)
 
 
-def refuse_cascades(machine: Machine, axes: Iterable[str], what: str) -> None:
-    """Refuse a machine of which one of some axes has a cascade; `what` does not know them.
+def refuse_cascades(machine: Machine, axes: Iterable[str]) -> None:
+    """Refuse a machine of which one of some axes has a cascade: what needs settled orbits over β and C.
 
     Raises
     ------
@@ -115,8 +115,12 @@ def refuse_cascades(machine: Machine, axes: Iterable[str], what: str) -> None:
     """
     for name in axes:
         if name in machine.axes and machine.axes[name].servo.cascade is not None:
-            where = f"{machine.name}: axes.{name}.control.structure"
-            raise InputError(where, f"{what} knows no cascades yet", expected='"single"', got='"cascade"')
+            raise InputError(
+                f"{machine.name}: axes.{name}.control.structure",
+                "no table of β and C holds for a cascade, which remembers the reversals before",
+                expected='"single"; convert, simulate and compare take this file without a table',
+                got='"cascade"',
+            )
 
 
 def sized_machine(machine: Machine, points: Sequence[TurningPoint]) -> Machine:

@@ -175,7 +175,7 @@ def tabulate(
         β [1/s] and C [rad/(m s²)], ascending.
     """
     names = tuple(axes)
-    refuse_cascades(machine, names, "an interval table")
+    refuse_cascades(machine, names)
     return IntervalTable(
         machine=machine.name,
         digest=machine.digest,

@@ -23,7 +23,7 @@ from ph_post.drive.machinefile import read_machine
 from ph_post.drive.roots import close_brackets
 from ph_post.drive.steady_state import find_orbit, steady_intervals, with_motor
 from ph_post.errors import InputError, SolveError
-from ph_post.types import Gap, Servo
+from ph_post.types import Cascade, Gap, Servo
 
 EPS = 2.0**-52
 CIRCLE = str(Path(__file__).resolve().parents[2] / "paths" / "circle.json")
@@ -99,6 +99,14 @@ def test_brackets_close_to_rounding_or_are_refused(monkeypatch) -> None:
     low, high = np.array([0.0, 0.0, 0.0, 7.0]), np.full(4, 10.0)
     with pytest.raises(SolveError, match="3 of 4 roots did not close in 3 steps"):
         close_brackets(lambda x, root: np.sinh(x) - np.sinh(root), low, high, wanted)
+
+
+def test_a_cascade_is_refused_with_what_takes_it() -> None:
+    cascade = Cascade(position_gain=40.0, velocity_gain=250.0)
+    machine = read_machine("paper")
+    machine = replace(machine, axes={"X": replace(machine.axes["X"], servo=Servo(b=1e-4, c=0.025, cascade=cascade))})
+    with pytest.raises(InputError, match=r"axes.X.control.structure: no table .*convert.* take this file without"):
+        tabulate(machine, ("X",), *(np.array([0.1]),) * 4)
 
 
 def table_of(gap: Gap = PAPER_GAP, radius=(0.2, 0.25, 0.3), feed=(0.12, 0.13, 0.14)):
