@@ -118,7 +118,7 @@ def refuse_cascades(machine: Machine, axes: Iterable[str]) -> None:
             raise InputError(
                 f"{machine.name}: axes.{name}.control.structure",
                 "no table of β and C holds for a cascade, which remembers the reversals before",
-                expected='"single"; convert, simulate and compare take this file without a table',
+                expected='"single" (convert, simulate and compare take this file, and need no table)',
                 got='"cascade"',
             )
 

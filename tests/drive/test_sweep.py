@@ -105,7 +105,7 @@ def test_a_cascade_is_refused_with_what_takes_it() -> None:
     cascade = Cascade(position_gain=40.0, velocity_gain=250.0)
     machine = read_machine("paper")
     machine = replace(machine, axes={"X": replace(machine.axes["X"], servo=Servo(b=1e-4, c=0.025, cascade=cascade))})
-    with pytest.raises(InputError, match=r"axes.X.control.structure: no table .*convert.* take this file without"):
+    with pytest.raises(InputError, match=r"axes.X.control.structure: no table .*convert.* need no table"):
         tabulate(machine, ("X",), *(np.array([0.1]),) * 4)
 
 
