@@ -134,8 +134,8 @@ VISCOUS = effect_hypothesis(
 
 
 def _asymmetry(plant: Plant, numbers: Numbers) -> Plant:
-    """Keep what is left of c positive, whatever is tried."""
-    least = -0.9 * plant.c
+    """Keep what is left of c positive, whatever is tried; of a cascade that is the part of its loops, too."""
+    least = -0.9 * (plant.c if plant.cascade is None else plant.c + 1.0 / plant.cascade.position_gain)
     plus, minus = (max(number, least) for number in numbers)
     return find_effect("friction_asymmetry").apply(plant, {"plus": plus, "minus": minus})
 
