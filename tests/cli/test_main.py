@@ -360,7 +360,7 @@ def test_demo_writes_programs_page_and_picture(capsys, tmp_path, monkeypatch):
     assert last.startswith("backlash error 50 → 1.9 µm max (10 if the backlash is 20 % off), 35 → 0.2 µm rms; ")
     assert last.endswith("; 14.8 → 15.0 s; X, Y, Z compensated, 11 of 11 reversals")
     said = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    assert "from 50 µm to 1.9 µm at most, and from 35 µm to 0.2 µm rms" in said
+    assert "from 50 to 1.9 µm, its rms from 35 to 0.2 µm" in said
     assert "15.0 s in place of 14.8 s" in said
     status, out, _ = run(capsys, "demo", "--json")
     assert strict_json(out)["reversals"] == {"compensated": 11, "all": 11}
