@@ -76,9 +76,12 @@ def _distances(points: Array, near: IntArray, one: Array, other: Array, ways: Ar
             while 0 <= row + step < ways.size and abs(ways[row] - ways[begin]) <= reach:
                 following = row + step
                 apart = abs(ways[following] - ways[row])
-                # What is too far away for anything as near as what is known is passed over.
+                # What is too far away for anything as near as what is known is passed over, by ever longer steps.
                 if apart < away - least:
-                    away -= apart
+                    beyond = row + 2 * step
+                    while 0 <= beyond < ways.size and abs(ways[beyond] - ways[row]) < away - least:
+                        following, beyond = beyond, 2 * beyond - row
+                    away -= abs(ways[following] - ways[row])
                 else:
                     away = _from_line(point, one[following], other[following])
                     least = min(least, away)

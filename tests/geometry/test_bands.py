@@ -41,6 +41,19 @@ def test_the_distance_is_that_from_the_nearest_triangle(seed: int) -> None:
     assert found == pytest.approx([least_distance(point, one, other) for point in points], abs=1e-9)
 
 
+def test_long_steps_pass_over_nothing_that_is_nearer() -> None:
+    """A spiral of 30,000 rows: the nearest turn is found from any row of it."""
+    angle = np.linspace(0.0, 60.0 * np.pi, 30_001)
+    radius = 0.01 + 1e-4 * angle
+    way = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros_like(angle)], axis=1)
+    rng = np.random.default_rng(5)
+    points = np.append(rng.uniform(-0.03, 0.03, (50, 2)), rng.choice([0.0, 1e-6, 1e-3], (50, 1)), axis=1)
+    found = Band(way, way).distances(points, rng.integers(0, angle.size, 50), 10.0)
+    nearest = [np.linalg.norm(way - point, axis=1).min() for point in points]
+    assert np.all(found <= nearest)
+    assert found == pytest.approx(nearest, abs=np.linalg.norm(np.diff(way, axis=0), axis=1).max())
+
+
 def test_inside_the_band_there_is_no_distance() -> None:
     one, other = ways(7, 0.005)
     middle = 0.3 * one + 0.7 * other

@@ -119,19 +119,25 @@ def judge(entry: Entry) -> Judged:
 
 def compare(found: Judged, dialect: str, before: bytes, after: bytes) -> Judged:
     """Play a program before and after compensation, and add to a finding what the tables do."""
-    one, other = (_played(dialect, data) for data in (before, after))
+    one, other = (played_places(dialect, data) for data in (before, after))
     if one is None or other is None:
         return found
     path = one[0][one[1] | np.append(one[1][1:], False)]
-    one, other = _in_the_work(one, one), _in_the_work(other, one)
+    one, other = in_the_work(one, one), in_the_work(other, one)
     if not (one[1].any() and other[1].any()):
         return found
-    # A printer's Z goes up from where homing left it, on a side that only the firmware knows.
-    rises = dialect in PRINTERS and b"offset Z" not in after
-    return _compared(found, one, other, path, "XY" if rises else "XYZ")
+    return _compared(found, one, other, path, axes_of(dialect, after))
 
 
-def _played(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
+def axes_of(dialect: str, after: bytes) -> str:
+    """Axes whose backlash counts for a compensated program.
+
+    A printer's Z goes up from where homing left it, on a side that only the firmware knows.
+    """
+    return "XY" if dialect in PRINTERS and b"offset Z" not in after else "XYZ"
+
+
+def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
     """Places of the motors (n, 3) [mm] and whether the tool cuts; None where nothing here reads the language."""
     text = data.decode("utf-8-sig", "replace")
     runs = {"siemens": SiemensRun, "heidenhain": TncRun, "heidenhain-iso": iso_run}
@@ -206,7 +212,7 @@ def _compared(found: Judged, one: Places, other: Places, path: np.ndarray, axes:
     labels = _stretches(motor, cuts)
     worst: list[tuple[np.ndarray, ...]] = []
     for side in (-1.0, 1.0):
-        errors = [distances(_table(m, side, axes)[c], path) for m, c in ((motor, cuts), (after, cuts_after))]
+        errors = [distances(table_of(m, side, axes)[c], path) for m, c in ((motor, cuts), (after, cuts_after))]
         near = tree.query(after[cuts_after])[1]
         own = [(labels, errors[0]), (labels[near], errors[1])]
         worst.append((*errors, *(_by_stretch(rows, error, int(labels.max(initial=0)) + 1) for rows, error in own)))
@@ -218,7 +224,7 @@ def _compared(found: Judged, one: Places, other: Places, path: np.ndarray, axes:
     return found._replace(rms=rms, p95=p95, shown=int(shown.sum()), followed=int(followed.sum()))
 
 
-def _in_the_work(made: Places, original: Places) -> Places:
+def in_the_work(made: Places, original: Places) -> Places:
     """Leave out what cuts nothing: the height at which the tool goes from place to place, and the end of rapids.
 
     Behind a rapid an axis comes to its side of the backlash within `TAKEN_UP` of where a rapid of the original ended,
@@ -243,7 +249,7 @@ def _in_the_work(made: Places, original: Places) -> Places:
     return motor, kept
 
 
-def _table(motor: np.ndarray, side: float, axes: str) -> np.ndarray:
+def table_of(motor: np.ndarray, side: float, axes: str) -> np.ndarray:
     """Places of the table, of which some axes have backlash; Z has its zero from where it moves down."""
     columns = list(motor.T.copy())
     for axis, name in enumerate("XYZ"):

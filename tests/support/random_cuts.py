@@ -296,15 +296,21 @@ def random_cut(number: int) -> RandomCut:
     kind = NAMES[number % len(NAMES)]
     dialect = DIALECTS[int(rng.integers(len(DIALECTS)))]
     inch = bool(rng.random() < 0.2)
-    work = _Work(rng, 25.4e-5 if inch else 1e-3)
+    cuts = random_work(rng, kind, 25.4e-5 if inch else 1e-3, flat=dialect in ("marlin", "klipper"))
+    text = _written(rng, dialect, inch, cuts)
+    return RandomCut(number, kind, kind in SMOOTH, text, _machine(rng, dialect))
+
+
+def random_work(rng: Random, kind: str, grid: float, *, flat: bool) -> list[Cut]:
+    """Moves of a kind of work, on a grid [mm]; `flat` ones have arcs in the plane of X and Y alone."""
+    work = _Work(rng, grid)
     begin = rng.uniform(-20.0, 20.0, 2)
-    work.flat = dialect in ("marlin", "klipper")
+    work.flat = flat
     work.cuts.append(Cut(0, (work.snap(begin[0]), work.snap(begin[1]), work.snap(SAFE))))
     work.at = work.cuts[-1].end
     for one in [kind] if kind != "mixed" else rng.choice(list(KINDS), 2).tolist():
         KINDS[one](work)
-    text = _written(rng, dialect, inch, work.cuts)
-    return RandomCut(number, kind, kind in SMOOTH, text, _machine(rng, dialect))
+    return work.cuts
 
 
 def _written(rng: Random, dialect: str, inch: bool, cuts: Sequence[Cut]) -> str:

@@ -1,0 +1,20 @@
+"""A sample of the random and the damaged programs of `tests/long/fuzz.py`; `fuzz.json` sums up what was run last."""
+
+from __future__ import annotations
+
+import pytest
+from long.fuzz import TRIALS, described
+from support.corpus import NCFILES
+from support.random_languages import LANGUAGES
+
+DRAWN = [("programs", number) for number in range(90, 90 + len(LANGUAGES))]
+DRAWN += [("lines", number) for number in range(len(LANGUAGES))]
+
+
+@pytest.mark.parametrize(("kind", "number"), DRAWN)
+@pytest.mark.thinned(6, 3)
+def test_nothing_goes_wrong_but_what_is_said_in_one_line(kind: str, number: int) -> None:
+    if kind == "lines" and not NCFILES.exists():
+        pytest.skip("the numbers are drawn where Debian's linuxcnc-uspace is installed, with its programs among them")
+    tried = TRIALS[kind](number)
+    assert not tried.faults, described(tried)
