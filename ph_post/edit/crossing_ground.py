@@ -238,17 +238,26 @@ class CrossingGround:
 
         It takes up its backlash on its own way then.
         """
+        own = self._next_move(motion, column, sign)
+        return own is not None and not np.delete(self.way[own], column).any()
+
+    def taken_up_by(self, motion: int, column: int, sign: float) -> int | None:
+        """Return the rapid that, from a motion on, takes up the backlash of an axis before any cut; None for none."""
+        own = self._next_move(motion, column, sign)
+        return own if own is not None and self.program.motions.kind[own] == RAPID else None
+
+    def _next_move(self, motion: int, column: int, sign: float) -> int | None:
+        """Return the first straight motion, from one on, that moves an axis through its backlash, before any cut."""
         moving = self.moving[column]
         place = int(np.searchsorted(moving, motion))
         if place == moving.size:
-            return False
+            return None
         own = int(moving[place])
         cut = int(np.searchsorted(self.cuts, motion))
         if (cut < self.cuts.size and self.cuts[cut] < own) or self.program.motions.kind[own] not in (RAPID, LINE):
-            return False
+            return None
         lost = self.machine.axes[AXES[column]].gap.lost_motion
-        alone = not np.delete(self.way[own], column).any()
-        return bool(alone and self.way[own, column] * sign >= APPROACH * lost)
+        return own if self.way[own, column] * sign >= APPROACH * lost else None
 
     def behind_rapid(self, row: Array) -> bool:
         """Return whether a change, a row of changes, happens behind a rapid."""

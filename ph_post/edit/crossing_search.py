@@ -129,7 +129,8 @@ class CrossingSearch:
             here = sorted(motion for motion in range(one.first, one.cut) if motion in approached)
             axes = set().union(*(approached[motion] for motion in here))
             axes |= {2} if self._comes_down(one) else set()
-            if here and all(column in axes for chain, column in used if chain == one.chain):
+            named = here and here[0] <= min(one.rapid)
+            if named and all(column in axes for chain, column in used if chain == one.chain):
                 found.add(here[0])
         return frozenset(found)
 

@@ -120,16 +120,21 @@ class SpotSearch:
     def _wound_up(self, rows: Array, column: int) -> Array:
         """Let the first change of a chain happen behind the rapid that brings the axis to its first place.
 
-        A rapid away from there would leave the first place on an unknown side.
+        A rapid away from there would leave the first place on an unknown side. Where the axis goes on with one before
+        anything is cut, that rapid carries the change, but behind a tool change, where a program may be started again.
         """
         ground = self._ground
         first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)[: len(rows)]
-        found = rows.copy()
+        found, chain = rows.copy(), ground.program.motions.chain
         for n in np.flatnonzero(first & (rows[:, SIGN] != 0.0)).tolist():
             if rows[n, SHARE0] == 0.0 and rows[n, FIRST] == rows[n, MOTION] and rows[n, SHARE] == 1.0:
                 # That rapid itself is the first to move the axis.
                 continue
             place = rows[n, FIRST] if rows[n, SHARE0] == 1.0 else rows[n, FIRST] - 1.0
+            carrier = ground.taken_up_by(int(place) + 1, column, rows[n, SIGN])
+            if carrier is not None and chain[carrier] == chain[0]:
+                found[n, MOTION], found[n, SHARE], found[n, CARRIED] = carrier, 1.0, 1.0
+                continue
             rapid = int(np.searchsorted(ground.rapids, place, side="right")) - 1
             if rapid < 0 or ground.rapids[rapid] < ground.low[int(rows[n, CHAIN])]:
                 continue
