@@ -244,7 +244,8 @@ class CrossingGround:
     def taken_up_by(self, motion: int, column: int, sign: float) -> int | None:
         """Return the rapid that, from a motion on, takes up the backlash of an axis before any cut; None for none."""
         own = self._next_move(motion, column, sign)
-        return own if own is not None and self.program.motions.kind[own] == RAPID else None
+        carries = own is not None and self.program.motions.kind[own] == RAPID and self.shiftable[own, column]
+        return own if carries else None
 
     def _next_move(self, motion: int, column: int, sign: float) -> int | None:
         """Return the first straight motion, from one on, that moves an axis through its backlash, before any cut."""
