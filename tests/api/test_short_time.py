@@ -108,7 +108,7 @@ def test_what_was_reckoned_as_a_crossing_is_made_as_one(
 def test_an_axis_stops_where_a_crossing_would_take_longer_and_time_is_short() -> None:
     # A stop takes v/a and the move, 0.06 s, a crossing with 25 ms of lag 0.08 s.
     assert not [one for one in planned(82, 10.0).stops if 0.0 < one.share < 1.0]
-    short = planned(82, 0.3)
+    short = planned(82, 0.25)
     assert [one for one in short.stops if 0.0 < one.share < 1.0]
 
 
