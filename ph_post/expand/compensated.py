@@ -19,6 +19,7 @@ PLAIN: Final = (0, 10, 20, 30)
 """Motions that are compensated."""
 
 _CODES: Final = {*PLAIN, *SIDES, 400, 40, 900, 910, 901, 911, 940, 950, 960, 970, 980, 990}
+_PLANES: Final = {170, 180, 190}
 _ORDERS: Final = {0, 1, 2, 3, 4, 5, 7, 8, 9, 30, 60}
 _DROPPED: Final = {*PLAIN, *SIDES, 900, 910}
 _SHIFTS: Final = {"x": ((2, 6, 1), (3, 8, 4)), "z": ((2, 7, 3), (1, 5, 4))}
@@ -145,7 +146,9 @@ class CompensatedBlocks:
         if self._path is None and {6, 61} & set(orders):
             self.leave()
             return
-        odd = [f"G{code / 10:g}" for code in codes if code not in _CODES]
+        # The move behind G40 is straight: it may lie in another plane.
+        known = _CODES | _PLANES if self._path is None else _CODES
+        odd = [f"G{code / 10:g}" for code in codes if code not in known]
         odd += [f"M{order}" for order in orders if order not in _ORDERS and order < 100]
         if motion != -1 and (motion not in PLAIN or 40 in codes):
             odd.append(f"G{motion / 10:g}" if 40 not in codes else "G4 and a motion in one block")

@@ -48,6 +48,8 @@ CASES = {
     "a diameter below zero": "G0 X0 Y0\nG41.1 D-2\nG1 X10\nX20\nY-10\nX30\nG40 X40\n",
     "the program's end": "G0 X0 Y0\nG41.1 D2 G1 X10\nX20\nY-10\nX30\n",
     "a radius of G10": "G0 X0 Y0\nG10 L1 P3 R2\nG42.1 D4 G1 X10 \nX20\nY-10\nX30\nG40 X40\n",
+    "another plane": "G0 X0 Y0 Z5\nG41.1 D2\nG1 X10\nX20\nY-10\nX30\nG40\nG18\nG0 X5 Z3\nG2 X9 Z3 R4\nG1 Y3\n",
+    "another plane, one axis": "G0 X0 Y0 Z5\nG42.1 D2\nG1 X10\nX20\nY-10\nX30\nG40\nG18\nG0 Z3\nG2 X9 Z3 R40\nG17\n",
     "no move": "G0 X0 Y0\nG91 G41.1 D2\nF90\nG40\nG1 X5\nG90\nX3\n",
     "subprograms, twice": "o1 sub\nG1 X[#1]\n(inner)\nY[#1]\nX0\nY0\nX[#1/2]\no1 endsub\nG0 X-5 Y0\nG42.1 D1\n"
     "o1 call [10]\no1 call [5]\nG40 X-9\nG41.1 D3\nX5 Y30\nX0 Y40\nG40\nT2 M6\nG0 X1 Y1\n",
