@@ -122,7 +122,7 @@ class Restart(msgspec.Struct, frozen=True, kw_only=True):
     late: bool
 
 
-def find_restarts(program: PartProgram, times: Array, *, late: bool) -> list[Restart]:
+def find_restarts(program: PartProgram, times: Array, named: BoolArray, *, late: bool) -> list[Restart]:
     """Find the rapids ahead of a plunge that bring all axes to their places, wherever they were.
 
     Parameters
@@ -130,13 +130,15 @@ def find_restarts(program: PartProgram, times: Array, *, late: bool) -> list[Res
     program : PartProgram
     times : Array, shape (m,)
         Time of every motion [s].
+    named : BoolArray, shape (m, 3)
+        Axes that the lines of motions name, as :func:`shiftable` has them.
     late : bool
         Not only the first of each chain, but one at least :data:`RESTART` behind another as well.
     """
     motions = program.motions
     if not motions.kind.size:
         return []
-    named, moving, rapid = shiftable(program), moves(motions), motions.kind == RAPID
+    moving, rapid = moves(motions), motions.kind == RAPID
     absolute = np.array([modal.absolute for modal in program.modal], dtype=np.bool_)[program.state[motions.block]]
     # The tool goes down alone before it cuts.
     alone = ~rapid & ~moving[:, :2].any(axis=1)

@@ -109,9 +109,6 @@ class ReversalSearch:
         }
         self._from = -options.position_from
         self._places = [resting_places(program.motions, axis) if self._from else [] for axis in range(2)]
-        restarts = find_restarts(program, self.times, late=options.max_slowdown >= LITTLE)
-        chain = np.searchsorted(self._whole, [one.first for one in restarts], side="right") - 1
-        self._restarts = [replace(one, chain=number) for one, number in zip(restarts, chain.tolist(), strict=True)]
         ground = CrossingGround(
             program,
             machine,
@@ -123,6 +120,9 @@ class ReversalSearch:
             options.tolerance,
             part_side=options.part_side,
         )
+        restarts = find_restarts(program, self.times, ground.shiftable, late=options.max_slowdown >= LITTLE)
+        chain = np.searchsorted(self._whole, [one.first for one in restarts], side="right") - 1
+        self._restarts = [replace(one, chain=number) for one, number in zip(restarts, chain.tolist(), strict=True)]
         self.crossings = CrossingSearch(ground, self._whole, self._restarts)
         self._given_up: dict[tuple[str, str], set[int]] = {}
         self.for_now: list[tuple[str, int, str]] = []
