@@ -36,6 +36,9 @@ from ph_post.types import Axis, Crossing, Jog, Machine, Scenario
 MOST_APPROACH: Final = 0.5
 """Part of the time allowed that may be spent before the path begins."""
 
+LITTLE: Final = 0.05
+"""Part of the time allowed that axes may be pushed for first without the same being tried without that."""
+
 SPARE: Final = 0.97
 """Part of the time allowed that is given to the turning points; the rest is for rounding."""
 
@@ -97,7 +100,7 @@ def choose(task: PlanningTask, *choices: Choice, offsets: bool, lead: bool, race
     rivals = [chooser.propose(own) for own in found] if len(found) > 1 else []
     if any(one.design.stop for own in merged for one in own):
         rivals += [chooser.propose([[one for one in own if not one.design.stop] for own in merged])]
-    if chooser.pushing:
+    if chooser.pushing > LITTLE * task.allowed:
         rivals += [chooser.propose(merged, pushes_first=False)]
     return msgspec.structs.replace(result, rivals=(*rivals, *chooser.smooth_offsets()))
 

@@ -138,7 +138,7 @@ class MotionLaw:
         for number, speed in enumerate(self._speed):
             mine = np.flatnonzero(self.group[phase] == number)
             slope = np.ascontiguousarray((len(speed) - 1) * np.diff(speed, axis=0))
-            rate[mine] = _evaluate(slope, self.row[phase[mine]], tau[mine])
+            rate[mine] = _evaluate(slope, self.row[phase[mine]], *_powers(tau[mine], len(slope) - 1))
         return rate / self.duration[phase]
 
     def _chunk(self, t: Array, s: Array, feed: Array) -> None:
@@ -149,8 +149,9 @@ class MotionLaw:
         for number, (speed, way) in enumerate(zip(self._speed, self._way, strict=True)):
             mine = np.flatnonzero(group == number)
             if mine.size:
-                feed[mine] = _evaluate(speed, row[mine], tau[mine])
-                s[mine] = _evaluate(way, row[mine], tau[mine])
+                own, powers = row[mine], _powers(tau[mine], len(way) - 1)
+                feed[mine] = _evaluate(speed, own, *powers)
+                s[mine] = _evaluate(way, own, *powers)
         s *= duration
         s += self.s[phase]
 
@@ -163,11 +164,10 @@ def row_times(motion: MotionLaw, period: float) -> Array:
     return times
 
 
-def _evaluate(columns: Array, row: IntArray, tau: Array) -> Array:
-    """Bernstein polynomials of coefficients ``columns[:, row]`` at `tau`."""
+def _evaluate(columns: Array, row: IntArray, up: Sequence[Array], down: Sequence[Array]) -> Array:
+    """Bernstein polynomials of coefficients ``columns[:, row]`` at τ, by the powers of τ and 1 - τ."""
     n = len(columns) - 1
-    up, down = _powers(tau, n), _powers(1.0 - tau, n)
-    value = np.zeros(tau.size)
+    value = np.zeros(row.size)
     for k in range(n + 1):
         value += math.comb(n, k) * up[k] * down[n - k] * columns[k].take(row)
     return value
@@ -186,10 +186,12 @@ def _evaluate_one(coefficients: Sequence[float], tau: float) -> float:
     return value
 
 
-def _powers(x: Array, most: int) -> list[Array]:
-    powers = [np.ones_like(x)]
-    for _ in range(most):
-        powers.append(powers[-1] * x)
+def _powers(tau: Array, most: int) -> tuple[list[Array], list[Array]]:
+    """Return the powers of τ and of 1 - τ, from 0 to the highest that is wanted."""
+    powers = [np.ones_like(tau)], [np.ones_like(tau)]
+    for own, x in zip(powers, (tau, 1.0 - tau), strict=True):
+        for _ in range(most):
+            own.append(own[-1] * x)
     return powers
 
 

@@ -235,19 +235,19 @@ def path_derivatives(command: Command, track: Track, rate: Array) -> tuple[Array
 
     Where the path has no derivatives by arc length, at a cusp where the motion rests, they count as zero.
     """
-    return axis_motion(track, command.s, command.feed, rate)
+    return axis_motion(track, command.s, command.feed, rate)[1:]
 
 
-def axis_motion(track: Track, s: Array, feed: Array, rate: Array) -> tuple[Array, Array]:
-    """Velocity and acceleration of the axes [m/s, m/s²], shape (n, dim), at arc lengths `s` (n,) [m] of a path.
+def axis_motion(track: Track, s: Array, feed: Array, rate: Array) -> tuple[Array, Array, Array]:
+    """Place, velocity and acceleration of the axes [m, m/s, m/s²], (n, dim), at arc lengths `s` (n,) [m] of a path.
 
     `feed` [m/s] is the speed along it and `rate` [m/s²] its change. Where the path has no derivatives they count as 0.
     """
     with np.errstate(all="ignore"):
-        _, tangent, bend = track.arc_derivatives(*track.locate(s), 2)
+        place, tangent, bend = track.arc_derivatives(*track.locate(s), 2)
     tangent, bend = (np.where(np.isfinite(rows), rows, 0.0) for rows in (tangent, bend))
     pace = feed[:, np.newaxis]
-    return tangent * pace, bend * pace**2 + tangent * rate[:, np.newaxis]
+    return place, tangent * pace, bend * pace**2 + tangent * rate[:, np.newaxis]
 
 
 def add_offsets(command: Command, speed: Array, acceleration: Array, machine: Machine, offsets: Offsets) -> Command:

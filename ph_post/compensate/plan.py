@@ -54,6 +54,9 @@ TRIES = 4
 ABOVE = 0.3
 """Part of the way from the chord to what takes too long at which the next one is tried."""
 
+STEP = 0.01
+"""By how much a part that is tried is less than one that takes too long."""
+
 ENOUGH = 0.8
 """Part of the time for it that is enough to be taken."""
 
@@ -218,7 +221,7 @@ class Planner:
         for _ in range(TRIES if best is None else 0):
             # What it takes grows faster than the part of the lead, so that the chord is below what can be had.
             chord = low[0] + (high[0] - low[0]) * (share - low[1]) / (high[1] - low[1])
-            part = round(chord + ABOVE * (high[0] - chord), 3)
+            part = round(min(chord + ABOVE * (high[0] - chord), high[0] - STEP), 3)
             spent, feed_planner, valid = tried(part)
             if spent <= share:
                 low, best = (part, spent), (part, feed_planner, valid)

@@ -103,8 +103,7 @@ class LeadRoom:
         s, feed, half = rows.s, rows.feed, self.window.half
         if rows.whole and motion.ends_at_rest:
             s[-1] = self.track.length
-        position = self.track.derivatives(*self.track.locate(s))[0]
-        speed, acceleration = axis_motion(self.track, s, feed, motion.acceleration(rows.t))
+        position, speed, acceleration = axis_motion(self.track, s, feed, motion.acceleration(rows.t))
         friction, turns = self._friction(speed)
         plain, speed, acceleration = (smoothed(one, half, rows.calm) for one in (position, speed, acceleration))
         lead = self._lead(speed, acceleration)
@@ -196,8 +195,7 @@ class LeadRoom:
         tau = np.arange(-half - _AROUND, half + _AROUND + 1) * self.limits.period
         places = np.clip(s[:, None] + feed[:, None] * tau, 0.0, self.track.length).ravel()
         paces = np.repeat(feed, tau.size)
-        position = self.track.derivatives(*self.track.locate(places))[0]
-        speed, acceleration = axis_motion(self.track, places, paces, np.zeros(places.size))
+        position, speed, acceleration = axis_motion(self.track, places, paces, np.zeros(places.size))
         lead = [lead_when_steady(axis, speed[:, k], acceleration[:, k]) for k, axis in enumerate(self.drives)]
         command = (position + self.part * np.stack(lead, axis=1)).reshape(s.size, tau.size, -1)
         seen = smoothed(np.moveaxis(command, 1, 0).reshape(tau.size, -1), half)[half:-half]

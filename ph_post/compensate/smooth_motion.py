@@ -13,8 +13,9 @@ Reference: C. de Boor, A Practical Guide to Splines, Springer 1978.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -107,16 +108,18 @@ def smooth_motion(motion: MotionLaw, spacing: float) -> MotionLaw:
     ([0.7, 1.023, 1.6, 3.0], [1.0, 1.5, 2.0, 2.0])
     """
     stretches = _Stretches(motion, spacing)
+    laid = [(first, last, stretches.grids(first, last)) for first, last in stretches.free()]
+    places = _places(motion, [grid for _, _, grids in laid for grid in grids])
     found = _Phases(motion)
     begin = 0
-    for first, last in stretches.free():
+    for first, last, grids in laid:
         found.keep(begin, first)
         begin = last
-        cells = stretches.cells(first, last)
-        if cells is None:
-            found.keep(first, last)
+        if grids:
+            cells = [grid.cells(next(places)) for grid in grids]
+            found.add(*(np.concatenate(parts) for parts in zip(*cells, strict=True)))
         else:
-            found.add(*cells)
+            found.keep(first, last)
     found.keep(begin, motion.s.size)
     return found.motion()
 
@@ -151,37 +154,56 @@ class _Stretches:
         free = np.concatenate([[False], self.motion.window < 0, [False]])
         return [(int(first), int(last)) for first, last in np.flatnonzero(np.diff(free)).reshape(-1, 2)]
 
-    def cells(self, first: int, last: int) -> Cells | None:
-        """Return the cells of the phases of a stretch; None where it stays as it is."""
+    def grids(self, first: int, last: int) -> list[_Grid]:
+        """Return the cells between rests of the phases of a stretch; none where it stays as it is."""
         start, end = self.motion.start[first:last], self.end[first:last]
         rests = np.flatnonzero(self.constant[first + 1 : last - 1] & (self.first[first + 1 : last - 1] == 0.0)) + 1
         edges = [float(start[0]), *(0.5 * (start[rests] + end[rests])).tolist(), float(end[-1])]
         bounds = [first, *(rests + first).tolist(), last - 1]
-        columns: list[Cells] = []
+        found: list[_Grid] = []
         for number, (t0, t1) in enumerate(pairwise(edges)):
-            one = self._spline(t0, t1, bounds[number], bounds[number + 1] + 1)
+            one = self._grid(t0, t1, bounds[number], bounds[number + 1] + 1)
             if one is None:
-                return None
-            columns.append(one)
-        durations, places, speeds = (np.concatenate(parts) for parts in zip(*columns, strict=True))
-        return durations, places, speeds
+                return []
+            found.append(one)
+        return found
 
-    def _spline(self, t0: float, t1: float, first: int, last: int) -> Cells | None:
-        """Cells from t0 to t1 in some phases; None where the speed changes too near to the ends."""
+    def _grid(self, t0: float, t1: float, first: int, last: int) -> _Grid | None:
+        """Return cells from t0 to t1 in some phases; None where the speed changes too near to the ends."""
         motion = self.motion
         v0, v1 = float(self.first[first]), float(self.last[last - 1])
         changes = ~self.constant[first:last]
         ahead = np.flatnonzero(changes | (self.first[first:last] != v0))
         if not ahead.size:
-            return np.array([t1 - t0]), motion.place_and_feed(np.array([t0]))[0], np.full((1, 5), v0)
+            return _Grid(t0, t1, v0, v1, 0)
         behind = np.flatnonzero(changes | (self.last[first:last] != v1))
         calm = float(motion.start[first + ahead[0]]) - t0, t1 - float(self.end[first + behind[-1]])
         longest = min(self.spacing, calm[0] / CELLS, calm[1] / CELLS)
         if longest < LEAST * self.spacing:
             return None
-        count = math.ceil((t1 - t0) / longest * (1.0 - _WHOLE))
+        return _Grid(t0, t1, v0, v1, math.ceil((t1 - t0) / longest * (1.0 - _WHOLE)))
+
+
+class _Grid(NamedTuple):
+    """Cells from `t0` to `t1` [s], with speeds `v0` and `v1` [m/s] there; a constant speed has 0 `parts`."""
+
+    t0: float
+    t1: float
+    v0: float
+    v1: float
+    parts: int
+
+    @property
+    def edges(self) -> Array:
+        """Return the instants between cells [s]."""
+        return np.linspace(self.t0, self.t1, self.parts + 1)
+
+    def cells(self, s: Array) -> Cells:
+        """Return the cells, by the places of their edges [m]."""
+        t0, t1, v0, v1, count = self
+        if not count:
+            return np.array([t1 - t0]), s, np.full((1, 5), v0)
         width = (t1 - t0) / count
-        s = motion.place_and_feed(np.linspace(t0, t1, count + 1))[0]
         inner = np.maximum(np.diff(s), 0.0)[CELLS:-CELLS] / width
         mean = np.concatenate([np.full(2 * CELLS, v0), inner, np.full(2 * CELLS, v1)])
         reach = np.lib.stride_tricks.sliding_window_view(mean, 5)
@@ -191,6 +213,15 @@ class _Stretches:
         # Neighbouring cells of one constant speed are one phase.
         kept = np.flatnonzero(np.concatenate([[True], ~(same[1:] & same[:-1])]))
         return np.add.reduceat(np.full(count, width), kept), places[kept], speeds[kept]
+
+
+def _places(motion: MotionLaw, grids: Sequence[_Grid]) -> Iterator[Array]:
+    """Return the places of the edges of cells [m], all looked up at once."""
+    edges = [grid.edges for grid in grids]
+    if not edges:
+        return iter(())
+    ends = np.cumsum([one.size for one in edges])
+    return iter(np.split(motion.place_and_feed(np.concatenate(edges))[0], ends[:-1]))
 
 
 class _Phases:

@@ -17,7 +17,7 @@ from ph_post.compensate.lead import lead_window, smoothed, unwinding_time, weigh
 from ph_post.compensate.motion import MotionLaw, cycle_time
 from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.plan import make_plan
+from ph_post.compensate.plan import LEAD_SHARE, make_plan
 from ph_post.compensate.smooth_motion import rest_at_stops, smooth_motion
 from ph_post.compensate.violations import check_command
 from ph_post.drive.machinefile import read_machine
@@ -222,6 +222,13 @@ def test_as_much_is_led_as_the_time_allows() -> None:
     assert parts[-1] == 1.0
     assert errors_found[2] < errors_found[1] < errors_found[0] < plain
     assert errors_found[2] <= 0.15 * plain
+
+
+def test_nearly_all_is_led_where_the_time_is_nearly_enough_for_all() -> None:
+    before, led = plans(meander(4), read_machine("mill"), max_slowdown=1.0)
+    needed = plan_time(led) / plan_time(before) - 1.0
+    _, less = plans(meander(4), read_machine("mill"), max_slowdown=0.9998 * needed / LEAD_SHARE)
+    assert 0.9 < less.lead < 1.0
 
 
 def test_what_a_warning_says_allows_all_of_the_lead() -> None:
