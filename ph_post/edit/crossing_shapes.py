@@ -203,7 +203,8 @@ def find_windows(
         Time of the crossing [s], and how much later a command that goes beyond begins and ends [s]; speed of the path
         [m/s], largest error [m], and the largest one where the path is sharply curved [m].
     kind : array, shape (n,)
-        :data:`OUTWARD` or :data:`INWARD` where the table is to be on that side of the path if there is room, else 0.
+        :data:`OUTWARD` or :data:`INWARD` where the table is to be on that side of the path if there is room,
+        :data:`BALANCED` where it is to be on both, and 0 where the inner one alone will do if that is exact enough.
     push : Array, shape (n,)
         Acceleration [m/s²] with which the motor comes down to the speed that its axis has at the end of the window,
         which takes it less time than to come to rest; infinite where that does not count.
@@ -234,7 +235,8 @@ def find_windows(
                 radius = (finish - begin) ** 2 / (8.0 * deep)
                 allowed = min(allowed * min(max(TIGHT / radius, 1.0), TIGHTER), most[n])
             outside = more > 0.0 and begin - more >= bound[n, 0] and finish + more <= bound[n, 1]
-            how = INWARD if not room or deep <= 0.5 * allowed or kind[n] == INWARD else BALANCED
+            flat = deep <= 0.5 * allowed and kind[n] != BALANCED
+            how = INWARD if not room or flat or kind[n] == INWARD else BALANCED
             how = OUTWARD if kind[n] == OUTWARD and outside else how
             e = 0.5 * deep if how == BALANCED else deep
             if e <= allowed and (fits or late[n] == 0.0):

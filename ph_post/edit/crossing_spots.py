@@ -13,7 +13,9 @@ from ph_post.edit.crossing_costs import CrossingCosts
 from ph_post.edit.crossing_ground import LEAST_FEED, CrossingGround, Spots
 from ph_post.edit.crossing_shapes import (
     AT_SPEED,
+    BALANCED,
     INWARD,
+    OUTER,
     OUTWARD,
     CrossingShape,
     find_windows,
@@ -46,7 +48,7 @@ from ph_post.edit.reversals import (
     SHARE1,
     SIGN,
 )
-from ph_post.gcode.program import AXES, RAPID, plane_columns
+from ph_post.gcode.program import ARC, AXES, RAPID, plane_columns
 from ph_post.simulate.controllers.run import tolerances
 from ph_post.types import Array, ExactPath, IntArray
 from ph_post.units import MM
@@ -219,7 +221,8 @@ class SpotSearch:
         push = np.array([ground.turning_push(name) for name in AXES])[spots.column]
         finest = np.where(np.array([one.steps > 1 for one in shapes])[spots.column], STEPS_ERROR, ERROR)
         error, most = self._allowed(spots, coarser, finest)
-        which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, lag)
+        which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, wait)
+        wanted[lag >= SHORT_LAG] = 0
         for number, times in enumerate((0.0, *BEAM_COARSER)):
             if which.size:
                 window[which] = find_windows(
@@ -285,10 +288,17 @@ class SpotSearch:
         shortest = np.maximum(self._ground.least * spots.feed, SHORTEST)
         return np.asarray(np.where(reach > 0.0, np.maximum(reach, CLEAR * shortest), 0.0))
 
-    def _wanted(self, spots: Spots, motion: IntArray, lag: Array) -> IntArray:
-        """Kinds of crossings (n,) that leave the part proud, 0 where its side is not known, or the motor lags."""
+    def _wanted(self, spots: Spots, motion: IntArray, wait: Array) -> IntArray:
+        """Kinds of crossings (n,) that leave the part proud, or that a controller passes faster; 0 for none.
+
+        One that rounds joints takes far less acceleration in an arc that ends in such a joint than before a tangent.
+        """
         ground = self._ground
         found = np.zeros(motion.size, dtype=np.int64)
+        if not isinstance(ground.planner, ExactPath):
+            tangent = 0.5 * (OUTER - 1.0) * wait * spots.feed
+            long = tangent >= CLEAR * np.maximum(ground.least * spots.feed, SHORTEST)
+            found[long & (ground.program.motions.kind[motion] == ARC)] = BALANCED
         if not ground.part_side:
             return found
         middle, rows = spots.rest.mean(axis=1), np.arange(motion.size)
@@ -299,5 +309,4 @@ class SpotSearch:
         left = np.where(spots.column == columns[:, 0], -second, np.where(spots.column == columns[:, 1], first, 0.0))
         left *= spots.rows[:, SIGN] * ground.part_side
         found[left > 0.0], found[left < 0.0] = OUTWARD, INWARD
-        found[lag >= SHORT_LAG] = 0
         return found
