@@ -291,11 +291,11 @@ class SpotSearch:
     def _wanted(self, spots: Spots, motion: IntArray, wait: Array) -> IntArray:
         """Kinds of crossings (n,) that leave the part proud, or that a controller passes faster; 0 for none.
 
-        One that rounds joints takes far less acceleration in an arc that ends in such a joint than before a tangent.
+        LinuxCNC takes far less acceleration in an arc that ends in a rounded joint than before a tangent.
         """
         ground = self._ground
         found = np.zeros(motion.size, dtype=np.int64)
-        if not isinstance(ground.planner, ExactPath):
+        if not (isinstance(ground.planner, ExactPath) or ground.planner.bounded):
             tangent = 0.5 * (OUTER - 1.0) * wait * spots.feed
             long = tangent >= CLEAR * np.maximum(ground.least * spots.feed, SHORTEST)
             found[long & (ground.program.motions.kind[motion] == ARC)] = BALANCED
