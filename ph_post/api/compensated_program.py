@@ -50,13 +50,14 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
 
     def digest(self, dialect: str) -> str:
         """Hash of all that decides what is written, but the program and the machine's own file."""
-        edit = msgspec.json.decode(msgspec.json.encode(self.edit))
-        del edit["cycle"], edit["largest_first"]
+        plan, edit = (msgspec.json.decode(msgspec.json.encode(one)) for one in (self.plan, self.edit))
+        # What only tables have decides nothing here.
+        del plan["pushes_first"], edit["cycle"], edit["largest_first"]
         for name in ("position_from", "overshoot", "part_side"):
             # Programs that were compensated before these options were known are still recognized.
             if not edit[name]:
                 del edit[name]
-        decided = [self.plan, edit, dialect, *(["lead"] if self.lead or self.lead_left else [])]
+        decided = [plan, edit, dialect, *(["lead"] if self.lead or self.lead_left else [])]
         return hashlib.sha256(msgspec.json.encode(decided)).hexdigest()
 
 
