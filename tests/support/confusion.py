@@ -17,7 +17,7 @@ from typing import Any
 
 import click
 
-from tests.support.plants.cases import Case
+from tests.support.plants.cases import Case, thinned
 from tests.support.plants.draw import CHANNEL_SETS
 from tests.support.plants.ranks import tell_apart
 from tests.support.plants.score import Result, answered, class_of, judge, near, summary
@@ -92,11 +92,11 @@ def draw(cache: Path, jobs: int, **which: Any) -> None:
         click.echo(f"{count}/{len(trials)} {time.monotonic() - begun:.0f} s {trial.key} {wrong}")
 
 
-def judge_one(trial: Trial, folder: Path, ranked: bool) -> Result:
-    """Diagnose a case; an error is a result too."""
+def judge_one(trial: Trial, folder: Path, ranked: bool, every: int) -> Result:
+    """Diagnose a case, of every so many rows; an error is a result too."""
     try:
         case = trial.case(folder)
-        result = judge(trial, case)
+        result = judge(trial, thinned(case, every))
         if ranked and trial.kind in ("single", "pair"):
             result["apart"] = rank(trial, case, folder)
     except Exception:
@@ -155,14 +155,15 @@ def read_results(path: Path) -> dict[str, Result]:
 @_listing
 @click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="Results, JSON lines.")
 @click.option("--rank/--no-rank", "ranked", default=True, help="Ask the rank test about each case too.")
+@click.option("--every", default=1, help="Only every so many rows of the logs, which have 1000 a second.")
 @click.option("--again", is_flag=True, help="Also what the results hold already.")
-def run(cache: Path, jobs: int, out: Path, ranked: bool, again: bool, **which: Any) -> None:
+def run(cache: Path, jobs: int, out: Path, ranked: bool, every: int, again: bool, **which: Any) -> None:
     """Diagnose cases and add to the results; what is there already is left alone."""
     known = {} if again else read_results(out)
     trials = [trial for trial in _trials(**which) if trial.key not in known or "error" in known[trial.key]]
     begun = time.monotonic()
     with out.open("a") as results:
-        for count, (trial, result) in enumerate(each(judge_one, trials, jobs, cache, ranked), 1):
+        for count, (trial, result) in enumerate(each(judge_one, trials, jobs, cache, ranked, every), 1):
             results.write(json.dumps(result) + "\n")
             results.flush()
             said = [f"{found['name']}:{found['axis']}" for found in result["findings"]]

@@ -6,7 +6,7 @@ import io
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +96,12 @@ class Case:
         for name, plant in zip(self.axes, self.files, strict=True):
             lines += _axis(name, plant, self.known_flank)
         return "\n".join(lines) + "\n"
+
+
+def thinned(case: Case, every: int) -> Case:
+    """A case of which a slow recorder kept every so many rows."""
+    readings = {name: values[::every] for name, values in case.readings.items()}
+    return replace(case, t=case.t[::every], commands=tuple(one[::every] for one in case.commands), readings=readings)
 
 
 def _axis(name: str, plant: Plant, known_flank: bool) -> list[str]:
