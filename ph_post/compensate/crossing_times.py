@@ -76,13 +76,13 @@ def shortest_crossing(axis: Axis, lead: bool, period: float, part: float = PART)
     return _shortest(gap.lost_motion, weights, tuple(part * bound for bound in bounds), period)
 
 
-def first_push(axis: Axis, direction: int, period: float, part: float = PART) -> Crossing:
+def first_push(axis: Axis, direction: int, period: float) -> Crossing:
     """Push an axis whose gap is inside its loop out and back by the gap, from 0 s on, before a motion in a direction.
 
     Back on its place it is on the side of that motion, whichever side it stood on.
     """
     limits, push = axis.limits, axis.gap.lost_motion
-    bounds = tuple(part * bound for bound in (limits.velocity, limits.acceleration, limits.jerk))
+    bounds = tuple(PART * bound for bound in (limits.velocity, limits.acceleration, limits.jerk))
     edge = max(_shortest(push, (1.0, 0.0, 0.0), bounds, period), ANSWERS * math.sqrt(axis.servo.b))
     return Crossing(
         axis=axis.name,
