@@ -219,4 +219,7 @@ def test_a_table_says_by_its_times_what_comes_before_the_path(part, tmp_path):
     result.write_table(tmp_path / "oval.csv")
     read = ph.simulate(tmp_path / "oval.csv", "router", path="oval")
     assert read.error.max == pytest.approx(result.after.error.max, rel=1e-6)
-    assert not ph.compensate("oval", "mill", output="table", effort=QUICK).table().t[0]
+    pushed = ph.compensate("oval", "mill", output="table", effort=QUICK)
+    assert pushed.table().t[0] < 0.0
+    assert [word for word in pushed.warnings if "must be off the part until t = 0" in word]
+    assert not ph.compensate("oval", "mill", output="table", strategy="suppress", effort=QUICK).table().t[0]
