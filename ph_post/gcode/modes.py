@@ -336,7 +336,7 @@ def _run_block(
     """Carry out one block on the state: breaks, why not understood, its fault, the word.
 
     A block with a fault may be carried out or not; `fault` is one of its text. A line for the controller itself keeps
-    the modes, or resets them to what they were at first.
+    the modes, resets them to what they were at first, or does what nobody knows.
     """
     mark, why, computed, found, word = _apply_words(words, low, high, state, before, room)
     fault = fault or found
@@ -347,7 +347,7 @@ def _run_block(
         if not fault or not computed & ((1 << LETTER_G) | (1 << LETTER_M)):
             return mark, why, fault, word
     codes = computed & ((1 << LETTER_G) | (1 << LETTER_M))
-    if codes or why in (SUBPROGRAM, SAVED_STATE):
+    if codes or why in (SUBPROGRAM, SAVED_STATE) or (why == CONTROLLER_LINE and trait & lexer.OTHER):
         _forget_modes(state, before, True, fixed)
     elif why == CONTROLLER_LINE and not trait & lexer.KEEPS:
         _forget_modes(state, first, False, fixed)

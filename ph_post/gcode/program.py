@@ -43,9 +43,9 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         Dialect that a compensated program declares for its reader; empty where RS274/NGC's reads it.
     hide : callable or None
         ``hide(data)``: the same text, every line as long as it was, with blanks in the place of what has no
-        meaning for motion. What may move, and is not understood, becomes a line that begins with ``$``: after
-        it no position is known, and no mode but `fixed`; or with ``$@``: after it the modes are what they
-        were. It works line by line, on any part of a program.
+        meaning for motion. What may move, and is not understood, becomes a line with a ``$`` and nothing behind
+        it: after it no position is known, and no mode but `fixed`; or with ``$@``: after it the modes are what
+        they were. It works line by line, on any part of a program.
     dwell : tuple of (str, float)
         Letters of the time of a G4, each with its unit [s].
     fixed : mapping of int to float
