@@ -74,7 +74,7 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
                 coarser=coarser,
                 slowdown=cost / total,
                 warnings=search.warnings,
-                short=coarser > FINE,
+                short=coarser >= FINE,
             )
     _leave_costly(search, options, allowed, round_up(every / total))
     _take_back(search, options, allowed)
