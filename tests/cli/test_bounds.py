@@ -103,7 +103,7 @@ def test_where_the_simulation_fails_the_program_is_written_all_the_same(job, cap
     def out_of_memory(*_args, **_how):
         raise MemoryError
 
-    monkeypatch.setattr("ph_post.api.results.run_program", out_of_memory)
+    monkeypatch.setattr("ph_post.api.results.PlannedRun", out_of_memory)
     name = job("part.ngc", PLAIN + "G1 X10 F600\nX0\nM2\n")
     assert main(["convert", name, "-m", "router", "-o", "o.ngc", "--json"]) == 0
     streams = capsys.readouterr()

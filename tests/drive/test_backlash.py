@@ -131,7 +131,7 @@ def test_words_where_there_is_no_interval() -> None:
     assert "in the time looked at" in note
     interval, note = modulated_interval(axis(), lambda t: 1e-5 * np.where(t < 0.05, 1.0, -1.0), 0.0, 0.5)
     assert interval is None
-    assert "flank" in note
+    assert "comes back to the side it has left" in note
 
 
 def test_no_gap_no_time() -> None:
