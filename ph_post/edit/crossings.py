@@ -270,8 +270,8 @@ class CrossingPlanner:
         error = float(np.linalg.norm(across, axis=1).max())
         # Towards the centre of curvature a place is shorter than the path.
         ahead = (off * tangent).sum(axis=1) / (1.0 - (off * np.gradient(tangent, s, axis=0)).sum(axis=1))
-        # Beside a joint the nearest place of the path is no longer across from it.
-        error = error if error <= ERROR else min(error, float(polyline_distances(table, path).max()))
+        # Beside a joint, and in tight bends, the nearest place of the path is not across from it.
+        error = error if error <= ERROR else float(polyline_distances(table, path).max())
         way = s
         if (self._motions.kind[self._motion_at(s[0]) : self._locate(s[-1])[0] + 1] == CUBIC).any():
             # Places on a cubic go by its parameter.
