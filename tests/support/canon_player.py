@@ -81,6 +81,7 @@ def _moves(calls: list[list]) -> list[Move]:
             sweep = (last - first) * way % (2.0 * math.pi)
             sweep = 2.0 * math.pi if sweep < 1e-9 or sweep > 2.0 * math.pi - 1e-9 else sweep
             sweep += 2.0 * math.pi * (abs(turns) - 1)
-            moves.append(Move(2 if turns < 0 else 3, at, end, 0, feed, plane, (middle[a], middle[b]), way * sweep))
+            center = (middle[a], middle[b])
+            moves.append(Move(2 if turns < 0 else 3, at, end, 0, feed, plane, center, way * sweep, spiral=True))
             at = end
     return moves

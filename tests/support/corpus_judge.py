@@ -157,7 +157,7 @@ def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | 
         if dialect == "fanuc":
             read = _UNDOTTED.sub(lambda found: f"{found[1]}{float(found[2]) / THOUSAND}", read)
         laid = _laid(read) if dialect in PRINTERS else None
-        return _sampled([interpret(read, begin) for begin in begins], laid)
+        return _sampled([interpret(read, begin, spiral=True) for begin in begins], laid)
     except (ArithmeticError, LookupError, TypeError, ValueError):
         return None
 

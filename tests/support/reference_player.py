@@ -30,7 +30,11 @@ NEAR = 10
 
 @dataclass(frozen=True)
 class Move:
-    """A motion: `mode` 0 to 3, ends (3,), `line` number from 1, `feed` [mm/min], centre and sweep of an arc."""
+    """A motion: `mode` 0 to 3, ends (3,), `line` number from 1, `feed` [mm/min], centre and sweep of an arc.
+
+    An arc whose end is at another radius than its start is a spiral, as of LinuxCNC, or has the radius of its start, as
+    of Grbl.
+    """
 
     mode: int
     start: np.ndarray
@@ -40,6 +44,7 @@ class Move:
     plane: tuple[int, int, int] = (0, 1, 2)
     center: tuple[float, float] = (0.0, 0.0)
     sweep: float = 0.0
+    spiral: bool = False
 
     @property
     def length(self) -> float:
@@ -56,9 +61,11 @@ class Move:
             a, b, _ = self.plane
             x, y = self.start[a] - self.center[0], self.start[b] - self.center[1]
             turned = math.atan2(y, x) + share * self.sweep
-            first, last = math.hypot(x, y), math.hypot(*(self.end[[a, b]] - self.center))
-            points[:, a] = self.center[0] + (first + share * (last - first)) * np.cos(turned)
-            points[:, b] = self.center[1] + (first + share * (last - first)) * np.sin(turned)
+            first = math.hypot(x, y)
+            last = math.hypot(*(self.end[[a, b]] - self.center)) if self.spiral else first
+            radius = first + share * (last - first)
+            points[:, a] = self.center[0] + radius * np.cos(turned)
+            points[:, b] = self.center[1] + radius * np.sin(turned)
         return points
 
     def tangent(self, last: bool) -> np.ndarray:
@@ -73,8 +80,8 @@ class Move:
         return way / np.linalg.norm(way)
 
 
-def interpret(text: str, begin: tuple[float, ...] = BEGINS[0]) -> list[Move]:
-    """Read the motions of a program that begins at a place [mm]."""
+def interpret(text: str, begin: tuple[float, ...] = BEGINS[0], *, spiral: bool = False) -> list[Move]:
+    """Read the motions of a program that begins at a place [mm], with arcs that are a `spiral` or not."""
     unit, absolute, own_center, inverse, plane, mode, feed = 1.0, True, True, False, 17, None, 0.0
     at, moves = np.array(begin), []
     for number, raw in enumerate(text.splitlines(), 1):
@@ -103,7 +110,7 @@ def interpret(text: str, begin: tuple[float, ...] = BEGINS[0]) -> list[Move]:
         for axis, letter in enumerate("XYZ"):
             if letter in value:
                 end[axis] = unit * value[letter] + (0.0 if absolute else at[axis])
-        move = Move(mode, at, end, number, unit * feed)
+        move = Move(mode, at, end, number, unit * feed, spiral=spiral)
         if mode >= 2:
             move = _arc(move, PLANES[plane], value, unit, own_center)
         if inverse and mode > 0:
