@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import msgspec
 from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.compensation import compensated
 from ph_post.api.crossed_paths import crosses_on_the_fly
 from ph_post.api.inputs import Job, Source, machine_warnings, raw_job
-from ph_post.api.motion import analysed_job, machine_of
+from ph_post.api.motion import NotedResult, analysed_job, machine_of
 from ph_post.api.options import CompensateOptions
 from ph_post.api.outcomes import Compensation
 from ph_post.api.path_compensation import PathCompensation
@@ -42,13 +41,12 @@ from ph_post.simulate.controllers.deviation import cut_error
 from ph_post.types import Machine, Path, Scenario
 
 
-class StrategyComparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class StrategyComparison(NotedResult, frozen=True, kw_only=True, eq=False):
     """All strategies on one path and machine, as :func:`compare` runs them.
 
     `name` is that of the job. `strategies` begin with the plain program. `error_without_gap` [m] is the plain program's
     contour error without any backlash. Of plans of a path there is its `analysis`, of programs that were run on their
-    controller what is `written` by the strategy that chooses. `notes` say what of a part program is not in its path,
-    `caveats` what else has to be known.
+    controller what is `written` by the strategy that chooses.
     """
 
     name: str
@@ -56,13 +54,6 @@ class StrategyComparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     error_without_gap: ContourError | None
     analysis: Analysis | None = None
     written: Compensation | None = None
-    notes: tuple[str, ...] = ()
-    caveats: tuple[str, ...] = ()
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """All that has to be known, a sentence each."""
-        return (*self.notes, *self.caveats)
 
 
 def compare(

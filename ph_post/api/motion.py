@@ -143,12 +143,23 @@ def inspect(
     return Inspection(analysis=analysis, certificate=certificate, warnings=notes)
 
 
-class Simulation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class NotedResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What has to be known of a result: `notes` say what of a part program is not in its path, `caveats` all else."""
+
+    notes: tuple[str, ...] = ()
+    caveats: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All that has to be known, a sentence each."""
+        return (*self.notes, *self.caveats)
+
+
+class Simulation(NotedResult, frozen=True, kw_only=True, eq=False):
     """A command on a machine, as :func:`simulate` runs it.
 
     `analysis` and `assessment` are None where the path is not known. `run` is the run that `error` belongs to.
-    `motion` is that of the plan, None of a table. `notes` say what of a part program is not in its path, `caveats` what
-    else has to be known.
+    `motion` is that of the plan, None of a table.
     """
 
     name: str
@@ -158,13 +169,6 @@ class Simulation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     run: Run
     assessment: Assessment | None
     motion: PlannedMotion | None = None
-    notes: tuple[str, ...] = ()
-    caveats: tuple[str, ...] = ()
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """All that has to be known, a sentence each."""
-        return (*self.notes, *self.caveats)
 
     @property
     def time(self) -> float:
