@@ -39,6 +39,9 @@ from ph_post.types import Axis, Crossing, FeedProfile, FrictionChange, Jog, Mach
 
 STILL = frozen([0.0])
 
+KNOWN_SIDES: Final = {"+": 1, "-": -1}
+"""Sides on which axes stand at first where a machine file tells it."""
+
 
 class Layout(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Phases with holds where crossings need them, crossings in the order of time, and the bias by axis.
@@ -321,10 +324,6 @@ def first_pushes(
         for one in inside
         if first[one.name] not in (0, KNOWN_SIDES.get(one.gap.initial_flank))
     ]
-
-
-KNOWN_SIDES: Final = {"+": 1, "-": -1}
-"""Sides on which axes stand at first where a machine file tells it."""
 
 
 def _by_crossings(job: Job, axis: Axis, direction: int, _stops: _Stops) -> tuple[float, list[Crossing | Jog]]:
