@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from bench.test_bench_program import spline_program
+from bench.test_bench_program import Clock, spline_program
 from support.corpus import stepper
 
 from ph_post.dialects.registry import find_dialect
@@ -78,12 +78,7 @@ def run(folder: Path, *command: str) -> Cost:
 def stages(data: bytes) -> dict[str, float]:
     """Processor time of each stage [s]."""
     machine, dialect, options = stepper(), find_dialect("grbl"), EditOptions()
-    times, marks = {}, [time.process_time()]
-
-    def stage(name: str) -> None:
-        marks.append(time.process_time())
-        times[name] = marks[-1] - marks[-2]
-
+    stage = Clock(time.process_time)
     program = read_program(data, "program")
     stage("reading")
     edits = plan_offsets(program, machine, dialect, options)
@@ -93,7 +88,7 @@ def stages(data: bytes) -> dict[str, float]:
     stage("writing")
     assert verify(program, read_program(output, "output"), tolerance=options.tolerance).ok
     stage("verifying")
-    return times
+    return stage.stages
 
 
 def spirals(lines: int) -> bytes:
