@@ -32,6 +32,7 @@ class _Language:
     """RS274/NGC as the controllers have in common what is written here."""
 
     flat = False
+    parameter = ""
     head: tuple[str, ...] = ("G21 G90 G17 G94",)
     tail: tuple[str, ...] = ("M2",)
 
@@ -74,7 +75,15 @@ class _Language:
 
     def let(self, value: float) -> tuple[str, str]:
         """A line that sets a parameter, and what a word with `value` has in place of its number."""
-        return "", self.number(value)
+        if not self.parameter:
+            return "", self.number(value)
+        part, rest = self.parted(value)
+        return f"{self.parameter}={self.number(part)}", f"[{self.parameter}+{self.number(rest)}]".replace("+-", "-")
+
+    def parted(self, value: float) -> tuple[float, float]:
+        """Two numbers whose sum is `value`, the first of few digits."""
+        part = round(float(self.rng.uniform(-9.0, 9.0)), 3)
+        return part, value - part
 
     def repeat(self, lines: list[str], times: int) -> tuple[list[str], list[str]]:
         """Lines that run some lines several times, and those behind the end of the program."""
@@ -86,9 +95,7 @@ class _Language:
 
 
 class _LinuxCNC(_Language):
-    def let(self, value: float) -> tuple[str, str]:
-        part = round(float(self.rng.uniform(-9.0, 9.0)), 3)
-        return f"#7={self.number(part)}", f"[#7+{self.number(value - part)}]".replace("+-", "-")
+    parameter = "#7"
 
     def repeat(self, lines: list[str], times: int) -> tuple[list[str], list[str]]:
         kind = int(self.rng.integers(3))
@@ -100,16 +107,13 @@ class _LinuxCNC(_Language):
 
 
 class _Fanuc(_Language):
+    parameter = "#101"
     head = ("%", "O0100", "G21 G90 G17 G94 G40")
     tail = ("M30",)
 
     def number(self, value: float) -> str:
         text = f"{value:.3f}".rstrip("0")
         return "0." if text in ("-0.", "0.") else text
-
-    def let(self, value: float) -> tuple[str, str]:
-        part = round(float(self.rng.uniform(-9.0, 9.0)), 3)
-        return f"#101={self.number(part)}", f"[#101+{self.number(value - part)}]".replace("+-", "-")
 
     def repeat(self, lines: list[str], times: int) -> tuple[list[str], list[str]]:
         kind = int(self.rng.integers(3))
@@ -135,8 +139,8 @@ class _Siemens(_Language):
     tail = ("M30",)
 
     def let(self, value: float) -> tuple[str, str]:
-        part = round(float(self.rng.uniform(-9.0, 9.0)), 3)
-        return f"R7={self.number(part)}", f"=R7+{self.number(value - part)}".replace("+-", "-")
+        part, rest = self.parted(value)
+        return f"R7={self.number(part)}", f"=R7+{self.number(rest)}".replace("+-", "-")
 
     def center(self, cut: Cut, at: Sequence[float]) -> list[str]:
         assert cut.center is not None
@@ -165,8 +169,8 @@ class _Klartext(_Language):
         return []
 
     def let(self, value: float) -> tuple[str, str]:
-        part = round(float(self.rng.uniform(-9.0, 9.0)), 3)
-        return f"Q1 = {self.number(part)} + {value - part:.3f}".replace("+ -", "- "), "+Q1"
+        part, rest = self.parted(value)
+        return f"Q1 = {self.number(part)} + {rest:.3f}".replace("+ -", "- "), "+Q1"
 
     def places(self, names: str, end: Sequence[float], at: Sequence[float], first: str = "") -> list[str]:
         found = super().places(names, end, at, first)
