@@ -137,6 +137,14 @@ def test_a_jump_back_makes_a_loop_of_what_lies_between() -> None:
     assert program.motions.block[2:].tolist() == [LINES + 4, LINES + 5]
 
 
+@pytest.mark.parametrize("target", ["90", "#100"])
+def test_a_jump_nobody_knows_where_to_leaves_every_line_as_it_is(target: str) -> None:
+    program = read(f"G1 X20.\nIF [#1 LT 3] GOTO {target}\nG1 X0.\n")
+    reason = f"jump in line {LINES + 2} to a line that is not known: IF [#1 LT 3] GOTO {target}"
+    assert {note.what for note in program.notes} == {reason}
+    assert program.motions.block.size == 0
+
+
 def test_the_motion_mode_behind_an_unknown_curve_is_not_the_one_before_it() -> None:
     program = read("G2.2 X0. Y0. I1. J1. R2.\nX30. Y30.\nG1 X40. Y40.\n")
     assert program.motions.block[2:].tolist() == [LINES + 2]

@@ -9,7 +9,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.dialects.reading import NOT_UNDERSTOOD, Remark, line_error
+from ph_post.dialects.reading import NOT_UNDERSTOOD, Remark
 from ph_post.gcode.program import PlaceArray
 
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
@@ -196,18 +196,11 @@ class Editor:
         self._put(start, end, spare + b"0")
 
 
-def jumps_and_loops(
-    bares: Mapping[int, bytes], bare: bytes, lines: PlaceArray, data: bytes, name: str
-) -> list[PassedLines]:
-    """Find what loops repeat and jumps repeat or skip.
-
-    Raises
-    ------
-    InputError
-        Where the target of a jump is computed, or is no line of the program.
-    """
+def jumps_and_loops(bares: Mapping[int, bytes], bare: bytes, lines: PlaceArray) -> list[PassedLines]:
+    """Find what loops repeat and jumps repeat or skip: every line where a target is computed or is not there."""
     found: list[PassedLines] = []
     open_at: dict[bytes, int] = {}
+    end = lines.size - 2
     for number, text in sorted(bares.items()):
         for word, label in _LOOP.findall(text):
             if word == b"DO":
@@ -217,18 +210,11 @@ def jumps_and_loops(
         for label in _JUMP.findall(text):
             target = _target(label, bare)
             if target is None:
-                raise line_error(
-                    data,
-                    lines,
-                    name,
-                    number,
-                    "jump to a line that is not known",
-                    "GOTO and the N of a line",
-                    text.strip().decode("ascii", "replace"),
-                )
+                shown = text.strip().decode("ascii", "replace")
+                what = f"jump in line {number + 1} to a line that is not known: {shown}"
+                return [PassedLines(first=0, last=end, what=what)]
             line = int(np.searchsorted(lines, target, "right")) - 1
             found.append(PassedLines(first=min(number, line), last=max(number, line), what="jump of a macro"))
-    end = lines.size - 2
     return found + [PassedLines(first=line, last=end, what="loop of a macro") for line in open_at.values()]
 
 

@@ -256,7 +256,7 @@ def read_fanuc(data: bytes, name: str, *, calculator: bool = False, decimals: in
     Raises
     ------
     InputError
-        As there, and for a jump whose target is not in the program.
+        As there.
     """
     lines = lines_of(data, name)
     texts = [text_of(data, lines, number) for number in range(lines.size - 1)]
@@ -266,7 +266,7 @@ def read_fanuc(data: bytes, name: str, *, calculator: bool = False, decimals: in
     remarks: dict[int, Remark] = {}
     dwells: dict[int, int] = {}
     curved: list[int] = []
-    for stretch in jumps_and_loops(bares, bare, lines, data, name):
+    for stretch in jumps_and_loops(bares, bare, lines):
         _pass(stretch, texts, remarks)
     for number in sorted(bares):
         if number in remarks:
