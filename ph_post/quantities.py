@@ -78,17 +78,17 @@ def rounded_seconds(*times: float) -> tuple[str, ...]:
     return tuple(f"{time:.{min(max(decimals, 0), 3)}f}" for time in times)
 
 
-def millimetres(length: float | None, sign: str = "") -> str:
+def millimetres(length: float | None) -> str:
     """Write a place, an offset or a backlash in mm, without its unit: to 1 µm.
 
     Examples
     --------
-    >>> millimetres(0.000180009), millimetres(0.0125, "+"), millimetres(-1e-9), millimetres(None)
-    ('0.180', '+12.500', '0.000', '-')
+    >>> millimetres(0.000180009), millimetres(-1e-9), millimetres(None)
+    ('0.180', '0.000', '-')
     """
     if length is None or not math.isfinite(length):
         return NOTHING
-    return f"{round(length / MM, 3) + 0.0:{sign}.3f}"
+    return f"{round(length / MM, 3) + 0.0:.3f}"
 
 
 def seconds(time: float | None) -> str:

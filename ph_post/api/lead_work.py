@@ -132,10 +132,6 @@ class LeadWork:
             raise refusal(program.name, verdict)
         return declared, after, verdict
 
-    def _noted(self, plan: LeadPlan) -> tuple[str, ...]:
-        """Return the warnings that the head of the program is to hold."""
-        return head_notes(self._program, (*self._request.said, *plan.warnings)) if self._request.noted else ()
-
     def _result(
         self, plan: LeadPlan, declared: Declaration, after: PartProgram, verdict: Verdict, motion: ProgramMotion
     ) -> CompensatedProgram:

@@ -71,11 +71,11 @@ class SiteSpan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     ahead: float = 0.0
     behind: float = 0.0
 
-    def phases(self, cruise: float, start: float = 0.0, window: int = -1) -> list[Phase]:
-        """Phases of the stretch, one a piece, where it is entered at `cruise` [m/s] and at `start` [s]."""
+    def phases(self, cruise: float, window: int = -1) -> list[Phase]:
+        """Phases of the stretch, one a piece, where it is entered at `cruise` [m/s] and at 0 s."""
         duration = (self.s1 - self.s0) / (cruise * shapes.mean(self.shape))
         found = []
-        t, s = start, self.s0
+        t, s = 0.0, self.s0
         for piece in self.shape.pieces:
             speed = cruise * piece.coefficients
             part = duration * piece.share

@@ -52,20 +52,16 @@ class CurveTable(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return np.diff(self.s[self.first])
 
 
-def curve_table(motions: Motions, shift: Array | None = None) -> CurveTable:
+def curve_table(motions: Motions) -> CurveTable:
     """Return the tool path of a program.
 
-    A coordinate that is not known yet is taken to be what it is when it is first known. `shift` (m, 3) [m],
-    where given, is taken off the end of each motion, and off the start of the next.
+    A coordinate that is not known yet is taken to be what it is when it is first known.
     """
     start, end = _known(motions.start, motions.end)
-    center = motions.center
-    if shift is not None:
-        start, end, center = _without(shift, start, end, motions)
     count = motions.kind.size
     table = np.zeros((count, COLUMNS))
     table[:, START:END], table[:, END:CENTER] = start, end
-    table[:, CENTER:ANGLE], table[:, ANGLE] = center, motions.angle
+    table[:, CENTER:ANGLE], table[:, ANGLE] = motions.center, motions.angle
     axes = np.array([PLANE_AXES[plane] for plane in (17, 18, 19)], dtype=np.float64)
     table[:, AXES:FIRST] = axes[np.clip(motions.plane, 17, 19) - 17]
     motion = np.arange(count, dtype=np.int64)
@@ -115,15 +111,6 @@ def _known(start: Array, end: Array) -> tuple[Array, Array]:
         nearest = known[np.minimum(np.searchsorted(known, np.arange(values.size)), known.size - 1)]
         values[:] = np.where(np.isfinite(values), values, values[nearest])
     return both[0::2], both[1::2]
-
-
-def _without(shift: Array, start: Array, end: Array, motions: Motions) -> tuple[Array, Array, Array]:
-    """Take a shift off starts, ends and centres."""
-    before = np.zeros_like(shift)
-    before[1:] = shift[:-1]
-    pairs = np.array([PLANE_AXES[plane][:2] for plane in (17, 18, 19)])
-    pair = pairs[np.clip(motions.plane, 17, 19) - 17]
-    return start - before, end - shift, motions.center - np.take_along_axis(shift, pair, axis=1)
 
 
 def _with_splines(motions: Motions, table: Array, motion: IntArray, curved: IntArray) -> tuple[Array, IntArray, Array]:

@@ -289,15 +289,19 @@ def warn_unknown(program: PartProgram, axes: Iterable[str]) -> list[str]:
     return warnings
 
 
-def warn_blocked(program: PartProgram, blocked: Mapping[str, BoolArray], most: int = 12) -> list[str]:
-    """Return warnings of chains that are not compensated, at most `most` for a reason."""
+_MOST_PLACES: Final = 12
+"""Places that are named for a reason."""
+
+
+def warn_blocked(program: PartProgram, blocked: Mapping[str, BoolArray]) -> list[str]:
+    """Return warnings of chains that are not compensated, at most :data:`_MOST_PLACES` for each reason."""
     low, high = chain_spans(program.motions)
     block = program.motions.block
     warnings = []
     for why, marks in blocked.items():
-        for chain in np.flatnonzero(marks)[:most].tolist():
+        for chain in np.flatnonzero(marks)[:_MOST_PLACES].tolist():
             where = line_words(int(block[low[chain]]), int(block[high[chain] - 1]))
             warnings.append(f"not compensated in {where}: {why}")
-        if marks.sum() > most:
-            warnings.append(f"{int(marks.sum()) - most} more places not compensated: {why}")
+        if marks.sum() > _MOST_PLACES:
+            warnings.append(f"{int(marks.sum()) - _MOST_PLACES} more places not compensated: {why}")
     return warnings

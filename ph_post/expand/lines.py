@@ -192,12 +192,10 @@ class Source:
             self._flows = [index for index in marked if self.line(index).flow is not None]
         return self._flows
 
-    def find(self, label: str, keywords: tuple[str, ...], start: int, stop: int | None = None, step: int = 1) -> int:
+    def find(self, label: str, keywords: tuple[str, ...], start: int, step: int = 1) -> int:
         """Return the next line with one of these O words of that label, from `start` on; -1 where there is none."""
         flows = [k for k in self.flows if (start <= k if step > 0 else k <= start)]
         for index in flows[::step]:
-            if stop is not None and index >= stop:
-                break
             flow = self.line(index).flow
             if flow is not None and flow.keyword in keywords and flow.label == label:
                 return index

@@ -106,7 +106,7 @@ def chains_without_feed(program: PartProgram) -> tuple[str, ...]:
     )
 
 
-def main_path(program: PartProgram, tolerance: float = FIT_TOLERANCE) -> tuple[ProgramPath, tuple[str, ...]]:
+def main_path(program: PartProgram) -> tuple[ProgramPath, tuple[str, ...]]:
     """Return the longest path of a program, and words about what it does not show.
 
     Raises
@@ -114,7 +114,7 @@ def main_path(program: PartProgram, tolerance: float = FIT_TOLERANCE) -> tuple[P
     InputError
         Where the program cuts nothing whose path and feed are known.
     """
-    paths = paths_of(program, tolerance)
+    paths = paths_of(program)
     words = chains_without_feed(program)
     if not paths:
         got = words[0] if words else "no such motion"

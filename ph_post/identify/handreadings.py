@@ -131,7 +131,7 @@ class LinearFit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return Sure(value=float(weights @ self.values), error=widened(self.freedom) * math.sqrt(variance))
 
 
-def fit_rows(names: Sequence[str], rows: Array, right: Array, grain: float = 0.0, inflation: float = 1.0) -> LinearFit:
+def fit_rows(names: Sequence[str], rows: Array, right: Array, grain: float = 0.0) -> LinearFit:
     """Fit parameters to rows (n, m) and right sides (n,), of the smallest norm where they are not all shown.
 
     Parameters
@@ -141,8 +141,6 @@ def fit_rows(names: Sequence[str], rows: Array, right: Array, grain: float = 0.0
     rows, right : ndarray
     grain : float, optional
         Resolution of the right sides, below which they are not known.
-    inflation : float, optional
-        See :class:`LinearFit`.
     """
     scale = np.sqrt(np.sum(rows**2, axis=0))
     scale[scale == 0.0] = 1.0
@@ -162,5 +160,4 @@ def fit_rows(names: Sequence[str], rows: Array, right: Array, grain: float = 0.0
         scatter=max(scatter, grain / math.sqrt(12.0)),
         freedom=freedom,
         left=left,
-        inflation=inflation,
     )

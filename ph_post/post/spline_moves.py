@@ -141,7 +141,7 @@ def _part(
     track: Track, trace: CurveTrace, run: StraightRun, control: Array, at: Sequence[float], smooth: bool
 ) -> Iterator[TracedMove]:
     """Yield one spline, or the points of the run on this part and its end."""
-    end = place_on(track, np.array([at[1]]))[0][0]
+    end = place_on(track, np.array([at[1]]))[0]
     if smooth:
         yield TracedMove(end=end, inner=control[1:3])
         return

@@ -98,10 +98,11 @@ def find_traces(points: Array, tracks: Sequence[Track], tolerance: float) -> lis
     return found
 
 
-def place_on(track: Track, at: Array, order: int = 0) -> Array:
-    """Return values and derivatives by u at places on a track, shape (order + 1, n, 2)."""
+def place_on(track: Track, at: Array) -> Array:
+    """Return places on a track, shape (n, 2)."""
     piece = np.clip(np.floor(at).astype(np.int64), 0, len(track.pieces) - 1)
-    return track.derivatives(piece, at - piece, order)
+    places: Array = track.derivatives(piece, at - piece, 0)[0]
+    return places
 
 
 def _longest(points: Array, track: Track, feet: list[Array], begin: int, curve: int, tolerance: float) -> CurveTrace:
@@ -126,7 +127,7 @@ def _next(
     """Return the place of the next point, None where the curve does not go there."""
     ahead = sorted((way * (float(foot) - at), float(foot)) for foot in feet[index + 1])
     for distance, foot in [one for one in ahead if one[0] > 0.0][:_TRIES]:
-        between = place_on(track, at + way * distance * _INSIDE)[0]
+        between = place_on(track, at + way * distance * _INSIDE)
         if _along(points[index], points[index + 1], between, tolerance):
             return foot
     return None
@@ -147,11 +148,11 @@ def _feet(points: Array, track: Track) -> list[Array]:
     """Places of a track at which each point lies on it, in ascending order; mostly none, one or two."""
     count = len(track.pieces)
     at = np.arange(count * _SAMPLES + 1) / _SAMPLES
-    samples = place_on(track, at)[0]
+    samples = place_on(track, at)
     reach = float(np.linalg.norm(np.diff(samples, axis=0), axis=1).max()) + ON_CURVE
     point, sample = _near(points, samples, reach)
     foot = _refined(points[point], track, np.clip(at[sample], 0.0, count))
-    apart = np.linalg.norm(place_on(track, foot)[0] - points[point], axis=1)
+    apart = np.linalg.norm(place_on(track, foot) - points[point], axis=1)
     point, foot = point[apart <= ON_CURVE], foot[apart <= ON_CURVE]
     # one foot is reached from several samples, but for the last digits
     return [np.unique(np.round(foot[point == index], 9)) for index in range(len(points))]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -39,9 +39,9 @@ def list_view(drawing: Drawing) -> dict[str, Any]:
     }
 
 
-def print_list(view: dict[str, Any], stream: TextIO | None = None) -> None:
+def print_list(view: dict[str, Any]) -> None:
     """Print what a drawing holds, a line a layer."""
-    stream = stream or sys.stdout
+    stream = sys.stdout
     unit = view["units"]
     stream.write(f"{view['format']} drawing in {unit or 'a unit that it does not tell (--units)'}\n")
     rows = []
@@ -101,12 +101,11 @@ def import_view(made: ImportedDrawing, output: str | None) -> dict[str, Any]:
     }
 
 
-def print_import(view: dict[str, Any], stream: TextIO | None = None) -> None:
+def print_import(view: dict[str, Any]) -> None:
     """Print one line on what was imported; the path itself may go to standard output."""
-    stream = stream or sys.stderr
     closed = sum(contour["closed"] for contour in view["contours"])
     layers = ", ".join(dict.fromkeys(contour["layer"] for contour in view["contours"]))
-    stream.write(
+    sys.stderr.write(
         f"{view['name']}: {counted(len(view['contours']), 'contour')}, {closed} closed, on layer {layers}; "
         f"{counted(view['segments'], 'segment')}, {view['length']:.3f} mm, "
         f"x {_side(view, 0)}, y {_side(view, 1)} mm\n"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TextIO
+from typing import Any
 
 import msgspec
 
@@ -43,9 +43,9 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def print_inspection(found: Inspection, stream: TextIO | None = None) -> None:
+def print_inspection(found: Inspection) -> None:
     """Print the reversals of a path, a line each, notes on them, and the exact count if there is one."""
-    stream = stream or sys.stdout
+    stream = sys.stdout
     analysis = found.analysis
     lines = analysis.path.lines
     place = ("segment", "xi") if lines is None else ("line",)
@@ -115,14 +115,12 @@ def _numbers(indices: Sequence[int], most: int = 8) -> str:
     return shown + (f" and {len(indices) - most} more" if len(indices) > most else "")
 
 
-def print_plan(
-    plan: Plan, products: Iterable[str], what: str = "", stream: TextIO | None = None, said: str = ""
-) -> None:
+def print_plan(plan: Plan, products: Iterable[str], what: str = "", said: str = "") -> None:
     """Print the summary of a plan on standard error, its warnings, and the files that were written.
 
     `what` names the plan where a job has several; `said` is a summary of the program in place of the plan's.
     """
-    stream = stream or sys.stderr
+    stream = sys.stderr
     stream.write((f"{_named(plan, what)}: {said}" if said else plan_summary(plan, what)) + "\n")
     for warning in plan.warnings:
         stream.write(f"warning: {warning}\n")

@@ -52,9 +52,7 @@ class RadialError(NamedTuple):
     rms: float
 
 
-def simulate_turning_point(
-    axis: Axis, position: Callable[[Array], Array], speed: Array, lead: float, step: float = STEP
-) -> PaperRun:
+def simulate_turning_point(axis: Axis, position: Callable[[Array], Array], speed: Array, lead: float) -> PaperRun:
     """Run a commanded motion over [-lead, lead], with x turning at t = 0.
 
     Implements section 5.3 of [1]_: Eq. (31) for both axes; x stands from t = 0 for the Δt of Eq. (32), and
@@ -72,8 +70,6 @@ def simulate_turning_point(
         Both axes' at the start [m/s].
     lead : float
         T_star [s].
-    step : float
-        δt [s].
 
     Returns
     -------
@@ -92,8 +88,8 @@ def simulate_turning_point(
         raise InputError(where, "the paper's mode knows no cascade", expected="a P or PD controller")
     if axis.servo.ki_over_kp:
         raise InputError(where, "the paper's mode knows no integrator", expected="a P or PD controller")
-    inside = math.ceil(lead / step * (1.0 - EPSILON)) - 1
-    grid = np.concatenate([[-lead], step * np.arange(-inside, inside + 1), [lead]])
+    inside = math.ceil(lead / STEP * (1.0 - EPSILON)) - 1
+    grid = np.concatenate([[-lead], STEP * np.arange(-inside, inside + 1), [lead]])
     commanded = position(grid)
     executed = _follow(axis.servo, grid, commanded, np.stack([commanded[0], speed]))
     x_i = executed[grid == 0.0, 0]

@@ -157,10 +157,10 @@ def stops(builder: ProgramBuilder, axis: str) -> None:
             builder.dwell(1.0 + volume.settle)
 
 
-def standstill(builder: ProgramBuilder, seconds: float = 3.0) -> None:
-    """Stand still: what is read then is noise."""
-    builder.say(f"standstill for {seconds:g} s")
-    builder.dwell(seconds)
+def standstill(builder: ProgramBuilder) -> None:
+    """Stand still for 3 s: what is read then is noise."""
+    builder.say("standstill for 3 s")
+    builder.dwell(3.0)
 
 
 def warm_up(builder: ProgramBuilder, axes: Sequence[str], seconds: float, sweep: Callable[[], None]) -> None:

@@ -42,14 +42,12 @@ def strategy_names() -> tuple[str, ...]:
     return _REGISTRY.names()
 
 
-def find_strategy(name: str, where: str = "--strategy") -> Strategy:
+def find_strategy(name: str) -> Strategy:
     """Return the strategy of that name.
 
     Parameters
     ----------
     name : str
-    where : str, optional
-        What named it, for the refusal.
 
     Returns
     -------
@@ -60,7 +58,7 @@ def find_strategy(name: str, where: str = "--strategy") -> Strategy:
     InputError
         Where nobody registered the name, or what is registered is no strategy.
     """
-    return _REGISTRY.find(name, where)
+    return _REGISTRY.find(name, "--strategy")
 
 
 def find_traits(name: str) -> StrategyTraits:

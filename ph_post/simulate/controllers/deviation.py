@@ -323,7 +323,6 @@ def program_error(
     command: Command,
     machine: Machine,
     program: PartProgram,
-    tried: Sequence[Scenario] = (),
     *,
     recorded: bool = False,
     moved_by: PartProgram | None = None,
@@ -337,8 +336,6 @@ def program_error(
     machine : Machine
     program : PartProgram
         The program that says where the path is.
-    tried : sequence of Scenario, optional
-        In place of those that the machine file leaves open.
     recorded : bool, optional
         Whether it is of a real controller, which also runs what is not understood: only what is before that counts.
     moved_by : PartProgram, optional
@@ -348,11 +345,11 @@ def program_error(
     -------
     ProgramError
     """
-    return cut_error(follow_cut(command, machine, program, recorded=recorded, moved_by=moved_by), tried)
+    return cut_error(follow_cut(command, machine, program, recorded=recorded, moved_by=moved_by))
 
 
 def cut_error(cut: FollowedCut, tried: Sequence[Scenario] = ()) -> ProgramError:
-    """Measure as :func:`program_error`, along a path that was followed already."""
+    """Measure as :func:`program_error`, along a path that was followed already; `tried` are other scenarios."""
     tried = tuple(tried) or cut.scenarios()
     errors = run_scenarios(cut.error, tried)
     sizes = [-1.0 if error is None else error.max for error in errors]
