@@ -42,7 +42,6 @@ class Call(msgspec.Struct, kw_only=True):
     start: int = 0
     counts: dict[int, int] = {}
     heads: dict[int, object] = {}
-    decided: dict[str, bool] = {}
 
 
 class ProgramRunner:

@@ -22,7 +22,7 @@ import numpy as np
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.program import AXES
 from ph_post.progress import Progress, no_progress
-from ph_post.types import Array, BoolArray, IntArray, Limits, Machine, sealed
+from ph_post.types import Array, IntArray, Limits, Machine, sealed
 from ph_post.units import MM
 
 _HERE = pathlib.Path(__file__).parent
@@ -194,16 +194,15 @@ class PlannerRecording(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Commands of LinuxCNC, one row a servo period, from the last row before the first motion on.
 
     `position` (n, 3) [m]: X, Y and Z as planned; `motor` (n, 3) [m]: with LinuxCNC's own compensation of
-    backlash. `line` (n,) the line of the program, from 0, -1 where none runs. `settled` (n,) whether the
-    planner had nothing to do. `lockstep` says whether the program was run in lockstep, or as time passes on
-    the wall, where the waits of a dwell depend on how busy the machine is.
+    backlash. `line` (n,) the line of the program, from 0, -1 where none runs. `lockstep` says whether
+    the program was run in lockstep, or as time passes on the wall, where the waits of a dwell depend on how busy the
+    machine is.
     """
 
     period: float
     position: Array
     motor: Array
     line: IntArray
-    settled: BoolArray
     lockstep: bool
 
 
@@ -409,6 +408,5 @@ def _recording(rows: bytes, period: float, name: str, lockstep: bool) -> Planner
         position=sealed(position[moved].copy()),
         motor=sealed(motor[moved].copy()),
         line=table[moved, 7].astype(np.int64) - 1,
-        settled=table[moved, 8] > 0.5,
         lockstep=lockstep,
     )

@@ -61,7 +61,6 @@ _LANGUAGE: Final = TncLanguage(
     },
     called=re.compile(r"(?<![A-Z])L\s*(\d+)\s*,\s*0"),
     ends=re.compile(r"G98\s*L\s*0(?!\d)"),
-    label_words="G98 L",
     rows=IsoRows,
 )
 

@@ -72,7 +72,6 @@ _LANGUAGE: Final = TncLanguage(
     },
     called=re.compile(r"^CALL\s+LBL\s*(\"[^\"]*\"|\d+)$"),
     ends=re.compile(r"^LBL\s*0$"),
-    label_words="LBL",
     rows=KlartextRows,
 )
 

@@ -387,8 +387,6 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
         first group, its name the last.
     called, ends : pattern
         Of a call that comes back, its label as of `calls`, and of the label that ends what is called.
-    label_words : str
-        Words that set a label.
     rows : callable
         Makes the rows of a word table.
     """
@@ -401,7 +399,6 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
     calls: Mapping[str, re.Pattern[str]]
     called: re.Pattern[str]
     ends: re.Pattern[str]
-    label_words: str
     rows: Callable[[], TncRows]
 
 
