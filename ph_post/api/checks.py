@@ -21,7 +21,7 @@ from ph_post.progress import Progress, no_progress
 from ph_post.rehearse import rehearse as rehearsing
 from ph_post.rehearse.linuxcnc import TIME_LIMIT
 from ph_post.rehearse.rehearse import Rehearsal
-from ph_post.simulate.controllers.run import moved_axes
+from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.types import Machine
 from ph_post.verify import verify as verifying
 from ph_post.verify.shifted import verify_shifted

@@ -22,7 +22,7 @@ from ph_post.drive.axes import gravity_notes
 from ph_post.files.storage import SourceBytes
 from ph_post.gcode.program import PartProgram
 from ph_post.progress import Progress
-from ph_post.simulate.controllers.run import moved_axes
+from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.types import Command, Machine
 from ph_post.verify.verdict import Verdict
 

@@ -47,8 +47,8 @@ from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
 from ph_post.post.options import check_block_time
 from ph_post.progress import Progress, no_progress
+from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.simulate.controllers.path_modes import chord_warnings, path_mode_warnings
-from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Machine, frozen
 from ph_post.verify.verdict import Verdict
 from ph_post.verify.verify import verify

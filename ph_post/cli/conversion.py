@@ -294,7 +294,7 @@ def compensated_or_original(
     from ph_post.api.inputs import program_in
     from ph_post.drive.axes import check_axes
     from ph_post.edit.undo import original_of
-    from ph_post.simulate.controllers.run import moved_axes
+    from ph_post.simulate.controllers.moves import moved_axes
 
     options_for_program(how)
     program = program_in(raw, machine.dialect)

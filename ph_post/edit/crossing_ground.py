@@ -36,7 +36,8 @@ from ph_post.gcode.further import further_lines
 from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, plane_columns
 from ph_post.simulate.controllers.legs import ACROSS
-from ph_post.simulate.controllers.run import planned_speeds, tolerance_of, tolerances
+from ph_post.simulate.controllers.moves import tolerance_of, tolerances
+from ph_post.simulate.controllers.run import planned_speeds
 from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
 from ph_post.units import MM
 

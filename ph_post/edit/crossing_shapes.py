@@ -30,7 +30,7 @@ from ph_post.edit.lagging_crossings import SHORT_LAG, CrossingArcs, fastest_arcs
 from ph_post.gcode.program import ARC, AXES, CUBIC, PartProgram, plane_columns
 from ph_post.simulate.controllers.junctions import junction_speed
 from ph_post.simulate.controllers.legs import ACROSS
-from ph_post.simulate.controllers.run import limit_table
+from ph_post.simulate.controllers.moves import limit_table
 from ph_post.types import Array, Axis, ExactPath, Machine
 from ph_post.units import MM
 

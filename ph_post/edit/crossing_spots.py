@@ -49,7 +49,7 @@ from ph_post.edit.reversals import (
     SIGN,
 )
 from ph_post.gcode.program import ARC, AXES, RAPID, plane_columns
-from ph_post.simulate.controllers.run import tolerances
+from ph_post.simulate.controllers.moves import tolerances
 from ph_post.types import Array, ExactPath, IntArray
 from ph_post.units import MM
 

@@ -34,7 +34,7 @@ from ph_post.edit.reversals import (
 )
 from ph_post.errors import InputError
 from ph_post.gcode.program import AXES, RAPID, PartProgram
-from ph_post.simulate.controllers.run import moved_axes
+from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.types import Axis, BoolArray, Machine, frozen, sealed
 from ph_post.units import MM
 

@@ -27,7 +27,8 @@ from ph_post.simulate.controllers.deviation import (
     program_error,
 )
 from ph_post.simulate.controllers.gap_error import program_gap_error
-from ph_post.simulate.controllers.run import run_program, tolerances
+from ph_post.simulate.controllers.moves import tolerances
+from ph_post.simulate.controllers.run import run_program
 from ph_post.simulate.controllers.unknown import rows_before, unknown_lines
 from ph_post.types import Array, BoolArray, Command, Machine, RoundedPath, Scenario, frozen, sealed
 from ph_post.version import package_version

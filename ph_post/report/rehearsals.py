@@ -16,7 +16,7 @@ from ph_post.report.simulations import error_view
 from ph_post.report.tables import format_table
 from ph_post.report.views import View
 from ph_post.simulate.contour import ContourError
-from ph_post.simulate.controllers.run import moved_axes
+from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.units import MICROMETRE, MM, MM_PER_MIN
 
 if TYPE_CHECKING:

@@ -32,7 +32,7 @@ from ph_post.gcode.program import PartProgram
 from ph_post.quantities import rounded_micrometres, rounded_seconds
 from ph_post.report.views import plan_view
 from ph_post.simulate.contour import ContourError
-from ph_post.simulate.controllers.run import moved_axes
+from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.types import ROTARY_AXES, Command, Machine, Plan
 from ph_post.units import DEGREE, MINUTE, MM
 

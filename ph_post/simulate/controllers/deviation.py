@@ -40,7 +40,7 @@ from ph_post.simulate.contour import ContourError, contour_error, settling_time
 from ph_post.simulate.controllers.counterparts import Counterparts, approaches, counterparts
 from ph_post.simulate.controllers.exact_path import steps_of
 from ph_post.simulate.controllers.legs import Legs
-from ph_post.simulate.controllers.run import limit_table, programmed
+from ph_post.simulate.controllers.moves import limit_table, programmed
 from ph_post.simulate.controllers.unknown import known_rows, rows_before
 from ph_post.simulate.machine import Runs
 from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Run, Scenario

@@ -11,8 +11,8 @@ from ph_post.dialects.planners import planner_of
 from ph_post.simulate.controllers.chords import limits_along
 from ph_post.simulate.controllers.exact_path import corner_rule, corner_speeds
 from ph_post.simulate.controllers.legs import ACROSS
+from ph_post.simulate.controllers.moves import limit_table
 from ph_post.simulate.controllers.planner import KINK, QUARTER, REVERSAL
-from ph_post.simulate.controllers.run import limit_table
 from ph_post.types import Array, ExactPath, Machine
 
 BLENDING: Final = 0.5

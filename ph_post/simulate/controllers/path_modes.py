@@ -14,8 +14,8 @@ from ph_post.gcode.motion_parts import arc_lengths
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, PartProgram, number_text, plane_columns
 from ph_post.simulate.controllers.chords import chord_errors
 from ph_post.simulate.controllers.legs import ACROSS, Legs
+from ph_post.simulate.controllers.moves import limit_table, tolerances, written_legs
 from ph_post.simulate.controllers.planner import QUARTER
-from ph_post.simulate.controllers.run import limit_table, tolerances, written_legs
 from ph_post.types import Array, BoolArray, ExactPath, Machine, RoundedPath
 from ph_post.units import MICROMETRE, MM
 

@@ -21,7 +21,8 @@ from ph_post.gcode.read import read_program
 from ph_post.simulate.controllers.chords import chord_counts, straight_blocks
 from ph_post.simulate.controllers.deviation import program_error
 from ph_post.simulate.controllers.exact_path import plan_trapezoids
-from ph_post.simulate.controllers.run import limit_table, run_program, written_legs
+from ph_post.simulate.controllers.moves import limit_table, written_legs
+from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Command, ExactPath, GrblCorner, JerkCorner, Machine, MarlinCorner, PlannerSettings
 
 RATES, PUSHES = (50.0, 40.0, 10.0), (500.0, 400.0, 100.0)

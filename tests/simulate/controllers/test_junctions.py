@@ -15,7 +15,8 @@ from ph_post.gcode.read import read_program
 from ph_post.simulate.controllers.chords import straight_blocks
 from ph_post.simulate.controllers.exact_path import plan_trapezoids
 from ph_post.simulate.controllers.junctions import SAFE, junction_speed
-from ph_post.simulate.controllers.run import limit_table, run_program, written_legs
+from ph_post.simulate.controllers.moves import limit_table, written_legs
+from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Machine, PlannerSettings
 
 X, Y = np.eye(3)[:2]

@@ -14,8 +14,9 @@ from ph_post.drive.machinefile import read_machine
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import read_program
 from ph_post.simulate.controllers.chords import straight_blocks
+from ph_post.simulate.controllers.moves import limit_table, tolerances, written_legs
 from ph_post.simulate.controllers.path_modes import chord_warnings, corner_rounding, path_mode_warnings
-from ph_post.simulate.controllers.run import limit_table, run_program, tolerances, written_legs
+from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Machine, PlannerSettings
 
 ROUTER = replace(read_machine("router"), servo_period=1e-3)  # 80 and 110 µm of backlash

@@ -14,15 +14,8 @@ from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import read_program
 from ph_post.geometry.closest import closest_within
 from ph_post.simulate.controllers.deviation import CutPath, pieces_of, program_error
-from ph_post.simulate.controllers.run import (
-    DRAINED,
-    DWELL,
-    SMOOTHING,
-    linking_of,
-    moved_axes,
-    run_program,
-    tolerance_of,
-)
+from ph_post.simulate.controllers.moves import linking_of, moved_axes, tolerance_of
+from ph_post.simulate.controllers.run import DRAINED, DWELL, SMOOTHING, run_program
 from ph_post.types import Command, Machine, PlannerSettings
 
 ROUTER = read_machine("router")
