@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from ph_post.cli import options
-from ph_post.cli.interview import QUESTIONS
 from ph_post.cli.measure import command as measure
+from ph_post.cli.questions import QUESTIONS
 
 if TYPE_CHECKING:
     from ph_post.cli.interview import GivenAnswer

@@ -16,10 +16,11 @@ from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM, MM_PER_MIN
 from ph_post.verify.line_pairs import UNNAMED, VerifyCase
 from ph_post.verify.offsets import feeds_of, largest_of, spare_feed
-from ph_post.verify.pairing import EXACT, Pairing, Stretches, StretchSide, crossing_axes, declared_sides
+from ph_post.verify.pairing import EXACT, Pairing, crossing_axes, declared_sides
 from ph_post.verify.path import MEASURED, measure_deviation, report_path, swings_of
 from ph_post.verify.play import TableWay, align, follow_play, nearest_there, possible_sides
 from ph_post.verify.polylines import first_unreached, polylines
+from ph_post.verify.stretches import Stretches, StretchSide
 
 _FINE = 20.0
 """Chords stand in for arcs within this part of the tolerance, and the bound is widened by as much."""

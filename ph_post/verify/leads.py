@@ -15,8 +15,9 @@ from ph_post.gcode.program import AXES, LINE
 from ph_post.types import Machine
 from ph_post.units import MM, MM_PER_MIN
 from ph_post.verify.line_pairs import VerifyCase
-from ph_post.verify.pairing import EXACT, Stretches, StretchSide
+from ph_post.verify.pairing import EXACT
 from ph_post.verify.polylines import first_unreached, polylines
+from ph_post.verify.stretches import Stretches, StretchSide
 
 _FINE: Final = 20.0
 """Chords stand in for arcs within this part of what is declared, and the bound is widened by as much."""

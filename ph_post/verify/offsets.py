@@ -11,16 +11,9 @@ from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, plane
 from ph_post.types import Array, BoolArray, IntArray, Machine
 from ph_post.units import MM, MM_PER_MIN
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
-from ph_post.verify.pairing import (
-    EXACT,
-    Pairing,
-    Stretches,
-    StretchSide,
-    declared_lengths,
-    declared_sides,
-    format_shifts,
-)
+from ph_post.verify.pairing import EXACT, Pairing, declared_lengths, declared_sides, format_shifts
 from ph_post.verify.states import Dwells
+from ph_post.verify.stretches import Stretches, StretchSide
 from ph_post.verify.verdict import FailureKind
 
 _ROUNDING = 1e-4

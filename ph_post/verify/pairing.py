@@ -1,4 +1,4 @@
-"""Pair the motions of both programs, find the added jogs and the stretches that need a closer look."""
+"""Pair the motions of both programs, and find the added jogs and approaches."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from collections.abc import Mapping
 import msgspec
 import numpy as np
 
-from ph_post.gcode.program import ARC, AXES, LINE, RAPID, CodeArray, Motions, PlaceArray, expand, plane_columns
+from ph_post.gcode.program import AXES, LINE, RAPID, CodeArray, Motions, PlaceArray
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
 from ph_post.verify.declared import DeclaredChanges, DeclaredLength
 from ph_post.verify.line_pairs import NO_CHANGE, LinePairs, VerifyCase
-from ph_post.verify.polylines import motion_lengths, places_on, radii
 from ph_post.verify.states import Dwells
 
 EXACT = 1e-9
@@ -207,16 +206,16 @@ def _first_of_all(motions: Motions, change: PlaceArray, jog: BoolArray) -> BoolA
 
     On which side such an axis begins nobody knows; on the wrong one the original is no nearer to the path.
     """
-    leading = jog & (np.maximum.accumulate(np.where(jog, -1, np.arange(jog.size))) < _begins(change))
-    begins, found = _begins(motions.chain), np.zeros(jog.size, dtype=bool)
+    leading = jog & (np.maximum.accumulate(np.where(jog, -1, np.arange(jog.size))) < run_begins(change))
+    begins, found = run_begins(motions.chain), np.zeros(jog.size, dtype=bool)
     for axis in range(len(AXES)):
         way = np.abs(motions.end[:, axis] - motions.start[:, axis]) > EXACT
         moved = np.append(0, np.cumsum(way))
-        found |= leading & way & (moved[_begins(change)] == moved[begins])
+        found |= leading & way & (moved[run_begins(change)] == moved[begins])
     return found
 
 
-def _begins(number: IntArray | PlaceArray) -> IntArray:
+def run_begins(number: IntArray | PlaceArray) -> IntArray:
     """Return the first of the equal numbers in a row among which each is, (k,)."""
     heads = np.append(True, number[1:] != number[:-1])[: number.size]
     return np.asarray(np.maximum.accumulate(np.where(heads, np.arange(number.size), 0)))
@@ -260,8 +259,8 @@ def _crossed_ends(
 
     Returns masks as well of the motions that replace none, and of all last motions.
     """
-    old_key, old = _keys(one.kind, old_change, np.zeros(old_change.size, dtype=bool))
-    new_key, new = _keys(other.kind, new_change, ~crossed, approach)
+    old_key, old = stretch_keys(one.kind, old_change, np.zeros(old_change.size, dtype=bool))
+    new_key, new = stretch_keys(other.kind, new_change, ~crossed, approach)
     old_last, new_last = (np.append(key[1:] != key[:-1], True)[: key.size] for key in (old_key, new_key))
     _, left, right = np.intersect1d(old_key[old_last], new_key[new_last], return_indices=True)
     alone, closing = np.zeros(new_change.size, dtype=bool), np.zeros(new_change.size, dtype=bool)
@@ -370,78 +369,11 @@ def format_shifts(shift: Array) -> str:
     return ", ".join(parts) or "0"
 
 
-_RANK = 1 << 32
+RANK = 1 << 32
 """More than there are rapids in a change."""
 
-_NOTHING = 1e-12
-"""No length [m] is divided by that is smaller."""
 
-
-class StretchSide(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """The stretches of one program: `motion` (k,) all of them, those of stretch r from ``first[r]`` on.
-
-    `length` (k,) [m] of each motion, `shift` (k, 3) [m] what is added to it.
-    """
-
-    motion: IntArray
-    first: IntArray
-    length: Array
-    shift: Array
-
-    def stretch(self) -> IntArray:
-        """Return the number of the stretch of each motion."""
-        return np.repeat(np.arange(self.first.size - 1), np.diff(self.first))
-
-    def totals(self) -> Array:
-        """Return the length of each stretch [m]."""
-        sums = np.append(0.0, np.cumsum(self.length))[self.first]
-        return np.asarray(np.diff(sums))
-
-    def places(self) -> tuple[Array, Array]:
-        """Return the start and end of each motion: number of its stretch plus share of that stretch's length."""
-        run = self.stretch()
-        total = np.maximum(self.totals(), _NOTHING)[run]
-        sums = np.append(0.0, np.cumsum(self.length))
-        begins = sums[self.first[:-1]][run]
-        low, high = (np.clip((ends - begins) / total, 0.0, 1.0) for ends in (sums[:-1], sums[1:]))
-        return run + low, run + high
-
-
-class Stretches(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Stretches of cutting moves, r of them, in changes, cut at the rapids; `change` (r,) of each.
-
-    Jogs are left out. A stretch may be without a motion in one of the programs.
-    """
-
-    change: IntArray
-    old: StretchSide
-    new: StretchSide
-
-    def take(self, which: BoolArray) -> Stretches:
-        """Return some of the stretches."""
-        rows = np.flatnonzero(which)
-        old, new = (_part(side, side.first[rows], side.first[rows + 1]) for side in (self.old, self.new))
-        return Stretches(change=self.change[rows], old=old, new=new)
-
-
-def find_stretches(original: Motions, compensated: Motions, pairing: Pairing) -> Stretches:
-    """Find all stretches."""
-    nothing = np.zeros((original.kind.size, 3))
-    old_key, old = _keys(original.kind, pairing.old_change, np.zeros(original.kind.size, dtype=bool))
-    new_key, new = _keys(compensated.kind, pairing.new_change, pairing.left_out, pairing.approach)
-    keys = np.union1d(old_key, new_key)
-    return Stretches(
-        change=keys // _RANK,
-        old=_side(original, old, np.append(np.searchsorted(old_key, keys), old.size), nothing),
-        new=_side(compensated, new, np.append(np.searchsorted(new_key, keys), new.size), pairing.after),
-    )
-
-
-def _side(motions: Motions, which: IntArray, first: IntArray, shift: Array) -> StretchSide:
-    return StretchSide(motion=which, first=first, length=motion_lengths(motions, which), shift=shift[which])
-
-
-def _keys(
+def stretch_keys(
     kind: CodeArray, change: PlaceArray, without: BoolArray, approach: BoolArray | None = None
 ) -> tuple[IntArray, IntArray]:
     """Change and number of rapids before it there, as one number, of the motions that cut in changes.
@@ -450,99 +382,5 @@ def _keys(
     """
     rapids = np.cumsum((kind == RAPID) if approach is None else (kind == RAPID) & ~approach)
     which = np.flatnonzero((change != NO_CHANGE) & (kind != RAPID) & ~without)
-    ranks = rapids[which] - np.append(0, rapids)[_begins(change)[which]]
-    return np.asarray(change[which].astype(np.int64) * _RANK + ranks), which
-
-
-def unproven_stretches(original: Motions, compensated: Motions, found: Stretches, bound: float) -> Stretches:
-    """Return the stretches without motions that were only divided, each part on its motion within `bound` [m].
-
-    Parts of a line are lines and parts of an arc are arcs about its centre; both are measured against the
-    point of their motion that lies at the same share of it. What remains are stretches of neighbours.
-    """
-    owner = _owners(found)
-    fine = _divided(original, compensated, found, owner, bound)
-    run = found.old.stretch()
-    bad = np.flatnonzero(~fine)
-    begins = np.append(True, (np.diff(bad) > 1) | (np.diff(run[bad]) > 0))[: bad.size]
-    low, high = bad[begins], bad[np.append(begins[1:], True)[: bad.size]] + 1
-    new_low, new_high = (
-        np.searchsorted(owner, 2 * low + 1),
-        np.searchsorted(owner, 2 * high - 1, side="right"),
-    )
-    alone = np.flatnonzero((np.diff(found.old.first) == 0) & (np.diff(found.new.first) > 0))
-    spans = np.concatenate(
-        [
-            [run[low], low, high, new_low, new_high],
-            [alone, *2 * [found.old.first[alone]], found.new.first[alone], found.new.first[alone + 1]],
-        ],
-        axis=1,
-    )
-    spans = spans[:, np.argsort(spans[0], kind="stable")]
-    return Stretches(
-        change=found.change[spans[0]],
-        old=_part(found.old, spans[1], spans[2]),
-        new=_part(found.new, spans[3], spans[4]),
-    )
-
-
-def _owners(found: Stretches) -> IntArray:
-    """Place of the original's motion that each new one is a part of, twice and one.
-
-    Twice the place of the next one for stretches that have none: the numbers never fall.
-    """
-    run = found.new.stretch()
-    low, high = found.new.places()
-    _, old_high = found.old.places()
-    first, last = found.old.first[run], found.old.first[run + 1]
-    owner = np.clip(np.searchsorted(old_high, 0.5 * (low + high)), first, np.maximum(last - 1, first))
-    return np.asarray(np.where(first < last, 2 * np.maximum.accumulate(owner) + 1, 2 * first))
-
-
-def _divided(original: Motions, compensated: Motions, found: Stretches, owner: IntArray, bound: float) -> BoolArray:
-    """Mask of the original's motions that are there part by part and nothing else."""
-    part = np.flatnonzero(owner % 2 == 1)
-    place, new = owner[part] // 2, found.new.motion[part]
-    old = found.old.motion[place]
-    arc = original.kind[old] == ARC
-    amount = np.where(arc, np.abs(compensated.angle[new]), found.new.length[part])
-    whole = np.bincount(place, weights=amount, minlength=found.old.motion.size)
-    sums = np.append(0.0, np.cumsum(amount))
-    start = sums[:-1][_begins(place)]
-    scale = np.maximum(whole[place], _NOTHING)
-    shift = found.new.shift[part]
-    off = np.zeros(place.size)
-    for ends, reached in ((compensated.start, sums[:-1]), (compensated.end, sums[1:])):
-        there = places_on(original, old, np.clip((reached - start) / scale, 0.0, 1.0))
-        gap = np.nan_to_num(ends[new]) - shift - np.nan_to_num(there)
-        off = np.maximum(off, np.linalg.norm(gap, axis=1))
-    off[arc] += _bends(original, compensated, old[arc], new[arc], shift[arc], whole[place[arc]])
-    alike = (original.kind[old] == compensated.kind[new]) & (arc | (original.kind[old] == LINE))
-    many = np.bincount(place, minlength=found.old.motion.size)
-    good = np.bincount(place, weights=alike & (off <= bound), minlength=found.old.motion.size)
-    return np.asarray((many == good) & ((many > 0) | (found.old.length <= _NOTHING)))
-
-
-def _bends(original: Motions, compensated: Motions, old: IntArray, new: IntArray, shift: Array, swept: Array) -> Array:
-    """Bound of the deviation of a part of an arc between its ends: by centre, radius and sweep [m]."""
-    arcs = compensated.kind[new] == ARC
-    columns = plane_columns(original.plane[old])[:, :2]
-    centre = compensated.center[new] - np.take_along_axis(shift, columns, axis=1) - original.center[old]
-    one, other = radii(original, old), radii(compensated, new)
-    radius = np.abs(other[0] - one[0]) + np.abs(one[1] - one[0]) + np.abs(other[1] - other[0])
-    sweep = np.maximum(one[0], one[1]) * np.abs(swept - np.abs(original.angle[old]))
-    same = (original.plane[old] == compensated.plane[new]) & (
-        np.sign(original.angle[old]) == np.sign(compensated.angle[new])
-    )
-    return np.asarray(np.where(arcs & same, 2.0 * (np.hypot(*centre.T) + radius) + sweep, np.inf), dtype=np.float64)
-
-
-def _part(side: StretchSide, low: IntArray, high: IntArray) -> StretchSide:
-    """Take stretches out of a side."""
-    which, _ = expand(low, high)
-    return StretchSide(
-        motion=side.motion[which],
-        first=np.append(0, np.cumsum(high - low)),
-        length=side.length[which],
-        shift=side.shift[which],
-    )
+    ranks = rapids[which] - np.append(0, rapids)[run_begins(change)[which]]
+    return np.asarray(change[which].astype(np.int64) * RANK + ranks), which

@@ -17,18 +17,16 @@ from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
 from ph_post.verify.pairing import (
     EXACT,
     Pairing,
-    Stretches,
-    StretchSide,
     crossing_axes,
     declared_lengths,
     declared_sides,
     dwell_beside,
     format_shifts,
     is_declared,
-    unproven_stretches,
 )
 from ph_post.verify.polylines import first_unreached, polylines
 from ph_post.verify.states import Dwells
+from ph_post.verify.stretches import Stretches, StretchSide, unproven_stretches
 
 _FINE = 20.0
 """Chords stand in for arcs within this part of the tolerance, and the bound is widened by as much."""

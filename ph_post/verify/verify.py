@@ -25,9 +25,10 @@ from ph_post.verify.offsets import (
     check_returns,
     check_stops,
 )
-from ph_post.verify.pairing import find_stretches, pair_motions
+from ph_post.verify.pairing import pair_motions
 from ph_post.verify.path import check_direction, check_path
 from ph_post.verify.states import check_breaks, check_commands, check_dwells, check_states
+from ph_post.verify.stretches import find_stretches
 from ph_post.verify.text import check_text
 from ph_post.verify.verdict import Findings, Verdict, quoted
 

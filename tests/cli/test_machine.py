@@ -18,7 +18,7 @@ import pytest
 from support.front_door import answered, run
 from support.pipelines import PATIENCE, heeding_interrupts
 
-from ph_post.cli.interview import QUESTIONS
+from ph_post.cli.questions import QUESTIONS
 from ph_post.dialects.registry import dialect_names
 from ph_post.files.storage import shipped, shipped_names
 
