@@ -23,6 +23,9 @@ MOST_PLACES: Final = 10_000_000
 MOST_EFFORT: Final = 1000.0
 """Largest effort of a search: some three hours."""
 
+MOST_INTERVALS: Final = 2_000_000
+"""Backlash intervals worked out in one run: a file of some 100 MB."""
+
 LEAST_CORNER_TOLERANCE: Final = 1e-7
 """Smallest distance [m] within which corners of a path are rounded: no machine can show less."""
 

@@ -21,8 +21,7 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.dialects.base import Dialect
 from ph_post.edit.lead_edits import LeadStretch, why_not_led
-from ph_post.edit.preconditions import blocked_chains, why_not_editable
-from ph_post.edit.reversals import chain_spans
+from ph_post.edit.preconditions import why_blocked, why_not_editable
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.paths import ProgramPath, line_words, paths_of
@@ -178,7 +177,7 @@ def plan_lead(
 
 def _wanted(program: PartProgram, paths: Sequence[ProgramPath]) -> tuple[list[ProgramPath], list[str]]:
     """Cuts that can be led, each between rapids a path of its own, and words about the others."""
-    reasons, said = _blocked(program), []
+    reasons, said = why_blocked(program), []
     wanted = []
     for one in paths:
         for first, last in _cuts(program, one):
@@ -244,13 +243,6 @@ def _joined(one: LeadPlan, other: LeadPlan) -> LeadPlan:
         warnings=(),
         reach=max(one.reach, other.reach),
     )
-
-
-def _blocked(program: PartProgram) -> dict[int, str]:
-    """Reasons why chains cannot be changed, by chain number."""
-    low, _ = chain_spans(program.motions)
-    number = program.motions.chain[low]
-    return {int(number[k]): why for why, marks in blocked_chains(program).items() for k in np.flatnonzero(marks)}
 
 
 def _cuts(program: PartProgram, path: ProgramPath) -> list[tuple[int, int]]:

@@ -12,6 +12,7 @@ import numpy as np
 from ph_post.analysis.path_analysis import swings
 from ph_post.analysis.turning_points import find_turning_points
 from ph_post.api.inputs import Job, Source, any_machine, machine_text, path_of_job, raw_job, read_log, source_of
+from ph_post.bounds import MOST_INTERVALS
 from ph_post.diagnose import diagnose as diagnosing
 from ph_post.diagnose.fit import base_model, residuals_of
 from ph_post.dialects.registry import find_dialect
@@ -34,9 +35,6 @@ from ph_post.testprograms.kit import WARM_UP, calibration_kit
 from ph_post.types import MACHINE_AXES, Array, Feedback, Log, Machine
 from ph_post.types.diagnosis import Diagnosis, Experiment, Identification, ResidualTrace
 from ph_post.units import LEAD, MM
-
-MOST: Final = 2_000_000
-"""Intervals worked out in one run at most: a file of some 100 MB."""
 
 DEFAULT_PATH: Final = "circle"
 """The shipped path whose circle is taken where none is named: the one of the paper's example."""
@@ -296,7 +294,7 @@ def sweep(
     ------
     InputError
         Where an input is bad, no axis depends on β and C, or the table would have more than
-        :data:`MOST` intervals.
+        :data:`~ph_post.bounds.MOST_INTERVALS` intervals.
 
     References
     ----------
@@ -330,9 +328,9 @@ def sweep(
             raise InputError(path.name, f"no axis of {', '.join(chosen)} reverses smoothly on this path")
         radii, feeds = _distinct([a for a, _ in found]), _distinct([a * omega for a, omega in found])
     counts = (len(chosen), len(radii), len(feeds), len(beta), len(gain))
-    if math.prod(counts) > MOST:
+    if math.prod(counts) > MOST_INTERVALS:
         size = f"{' x '.join(map(str, counts))} = {math.prod(counts)}"
-        raise OptionsError(f"expected at most {MOST} intervals; got {size}")
+        raise OptionsError(f"expected at most {MOST_INTERVALS} intervals; got {size}")
     progress("solving for the backlash intervals")
     table = tabulate(drives, chosen, radii, feeds, np.array(beta), np.array(gain))
     return SweptIntervals(**{key: getattr(table, key) for key in table.__struct_fields__}, warnings=warnings)

@@ -123,13 +123,18 @@ class MotionResult(ABC):
 
     @property
     @abstractmethod
-    def error(self) -> ContourError | None:
-        """Contour error at the values of the machine file, by all causes [m]."""
+    def assessment(self) -> Assessment | ProgramError | None:
+        """Result of the motion on every machine that the file leaves possible; None where it is not simulated."""
 
     @property
-    @abstractmethod
+    def error(self) -> ContourError | None:
+        """Contour error at the values of the machine file, by all causes [m]."""
+        return None if self.assessment is None else self.assessment.error
+
+    @property
     def error_worst(self) -> ContourError | None:
         """Contour error by all causes on the worst machine that the file leaves possible [m]."""
+        return None if self.assessment is None else self.assessment.error_worst
 
     @property
     @abstractmethod
@@ -190,16 +195,6 @@ class PlannedMotion(MotionResult):
         """Result of the motion on every machine that the file leaves possible."""
         nominal = Nominal(self.analysis.track)
         return assess(self.command, self.plan.machine, nominal, self.analysis.turning_points)
-
-    @property
-    def error(self) -> ContourError | None:
-        """Contour error at the values of the machine file, by all causes [m]."""
-        return self.assessment.error
-
-    @property
-    def error_worst(self) -> ContourError | None:
-        """Contour error by all causes on the worst machine that the file leaves possible [m]."""
-        return self.assessment.error_worst
 
     @cached_property
     def error_gap(self) -> ContourError | None:
@@ -303,16 +298,6 @@ class ProgramMotion(MotionResult):
         if self.time > LONGEST_SIMULATED:
             return None
         return cut_error(self.cut)
-
-    @property
-    def error(self) -> ContourError | None:
-        """Contour error at the values of the machine file, by all causes [m]."""
-        return None if self.assessment is None else self.assessment.error
-
-    @property
-    def error_worst(self) -> ContourError | None:
-        """Contour error by all causes on the worst machine that the file leaves possible [m]."""
-        return None if self.assessment is None else self.assessment.error_worst
 
     @cached_property
     def error_gap(self) -> ContourError | None:

@@ -187,7 +187,8 @@ def _view(
     from ph_post.api.path_compensation import with_warnings
     from ph_post.report.programs import crossed_view
     from ph_post.report.result_line import plan_result_view
-    from ph_post.report.simulations import error_view, table_would_reach
+    from ph_post.report.simulations import table_would_reach
+    from ph_post.report.views import error_view
 
     reached = None
     if simulated and list(plans) == ["program"]:

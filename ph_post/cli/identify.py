@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
 from ph_post.cli import options
 from ph_post.cli.log_options import log_options
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
@@ -40,7 +37,7 @@ feedback_option = click.option(
 )
 
 
-def transmission_options(function: F) -> F:
+def transmission_options(function: options.F) -> options.F:
     """Add the options that say how the motor drives the screw."""
     for option in reversed(_TRANSMISSION):
         function = option(function)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar
-
 import click
 
-F = TypeVar("F", bound=Callable[..., Any])
+from ph_post.cli import options
 
 
 def _sides(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
@@ -55,7 +52,7 @@ _OPTIONS = (
 )
 
 
-def log_options(function: F) -> F:
+def log_options(function: options.F) -> options.F:
     """Add the options that say how a log is read."""
     for option in reversed(_OPTIONS):
         function = option(function)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,10 +16,8 @@ if TYPE_CHECKING:
     from ph_post.cli.interview import GivenAnswer
     from ph_post.identify.newmachine import NewMachine
 
-F = TypeVar("F", bound=Callable[..., Any])
 
-
-def _answers(function: F) -> F:
+def _answers(function: options.F) -> options.F:
     """Add an option for every question."""
     for question in reversed(QUESTIONS):
         flag = click.option(question.option, question.key, metavar=question.metavar, help=question.ask)

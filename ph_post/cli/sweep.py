@@ -6,11 +6,9 @@ import math
 
 import click
 
+from ph_post.bounds import MOST_INTERVALS
 from ph_post.cli import options
 from ph_post.units import MM, MM_PER_MIN
-
-MOST = 2_000_000
-"""Numbers of a grid at most: more than a table may have."""
 
 
 def _grid(_ctx: click.Context, parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:
@@ -34,7 +32,7 @@ def _span(text: str) -> list[float]:
     """Numbers of ``low:high:count[:log]``, both ends included."""
     low_word, high_word, count_word, *rest = text.split(":")
     low, high, count = float(low_word), float(high_word), int(count_word)
-    if rest not in ([], ["log"]) or not 1 <= count <= MOST or high < low or (count == 1 and high != low):
+    if rest not in ([], ["log"]) or not 1 <= count <= MOST_INTERVALS or high < low or (count == 1 and high != low):
         raise ValueError(text)
     if count == 1:
         return [low]

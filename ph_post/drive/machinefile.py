@@ -55,7 +55,7 @@ from ph_post.types import (
     Tool,
     Uncertainty,
 )
-from ph_post.units import DEGREE, MM, MS, PERCENT
+from ph_post.units import DEGREE, LEAD, MM, MS, PERCENT
 
 
 def effect_settings(tables: Sequence[dict[str, Any]], axis: Axis, file: str, keys: Keys) -> tuple[EffectSetting, ...]:
@@ -133,7 +133,6 @@ def _check_plain(value: Any, file: str, keys: Keys) -> None:
             )
 
 
-_LEAD = MM / math.tau
 _POSITION_GAINS = (("position_gain_per_s", 1.0), ("position_gain_m_per_min_mm", 1e3 / 60.0))
 _MOTOR = (
     ("inertia_kg_m2", "J"),
@@ -271,7 +270,7 @@ class _Given:
 def _axis(name: str, record: AxisRecord, file: str) -> Axis:
     given = _Given(name, record, file)
     ratio = given.either(("gear_ratio", 1.0), ("N", 1.0))
-    travel = given.either(("travel_per_rad_mm", MM), ("screw_lead_mm", _LEAD), ("r", 1.0))
+    travel = given.either(("travel_per_rad_mm", MM), ("screw_lead_mm", LEAD), ("r", 1.0))
     gap = _gap(given, ratio, travel)
     axis = Axis(
         name=name,

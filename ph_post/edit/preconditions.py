@@ -147,6 +147,13 @@ def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
     return {why: np.logical_or.reduceat(marks, low) for why, marks in found.items() if marks.any()}
 
 
+def why_blocked(program: PartProgram) -> dict[int, str]:
+    """Return the reasons of :func:`blocked_chains` by the number of the chain."""
+    low, _ = chain_spans(program.motions)
+    number = program.motions.chain[low]
+    return {int(number[k]): why for why, marks in blocked_chains(program).items() for k in np.flatnonzero(marks)}
+
+
 def require_tool(program: PartProgram, machine: Machine) -> None:
     """Refuse a program of another tool than the machine file states, and one that extrudes where nothing can.
 

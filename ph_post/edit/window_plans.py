@@ -19,8 +19,8 @@ from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.drive.axes import has_backlash, with_gap
 from ph_post.edit.edits import DipEdit, EditOptions, Edits, StopEdit
-from ph_post.edit.preconditions import blocked_chains, why_kept_whole, why_not_editable
-from ph_post.edit.reversals import chain_spans, section_spans
+from ph_post.edit.preconditions import why_blocked, why_kept_whole, why_not_editable
+from ph_post.edit.reversals import section_spans
 from ph_post.edit.window_edits import UnchangedWindow, place_plan
 from ph_post.errors import TooLargeError
 from ph_post.gcode.paths import ProgramPath, line_words
@@ -159,7 +159,7 @@ def plan_windows(
     troubles = why_not_editable(program)
     if troubles:
         return PlannedWindows(warnings=tuple(f"windows not compensated: {trouble}" for trouble in troubles))
-    reasons, said = _reasons(program), []
+    reasons, said = why_blocked(program), []
     parts: list[_Part] = []
     for one in paths:
         found = _parts(one, planned_machine(machine, one.path, options), tolerance)
@@ -313,13 +313,6 @@ def planned_machine(machine: Machine, path: Path, options: PlanOptions) -> Machi
         for name, axis in machine.axes.items()
     }
     return replace(machine, axes=axes)
-
-
-def _reasons(program: PartProgram) -> dict[int, str]:
-    """Reasons why chains cannot be changed, by chain number."""
-    low, _ = chain_spans(program.motions)
-    number = program.motions.chain[low]
-    return {int(number[k]): why for why, marks in blocked_chains(program).items() for k in np.flatnonzero(marks)}
 
 
 def _pulses(stops: Sequence[StopEdit]) -> Mapping[str, float]:

@@ -20,7 +20,7 @@ from ph_post.expand.run import ProgramRunner
 from ph_post.expand.sinumerik import SinumerikRunner
 from ph_post.expand.tools import ToolShape
 from ph_post.expand.writing import DECIMALS, EXPANDED, Written, head_line
-from ph_post.gcode.numbers import SEMICOLON, Comments
+from ph_post.gcode.numbers import COMMENT, SEMICOLON, Comments
 
 _NEEDED: Final = re.compile(
     rb"#|\[|^[ \t]*/?[ \t]*(?:N[ \t\d.]*)?O[ \t]*[<\d]|"
@@ -46,8 +46,6 @@ _TOP: Final = re.compile(r"\s*(?:%|;\$PATH=|[Oo:]\s*\d+\s*(?:\(.*)?$|(?:\d+\s+)?
 
 _BOTTOM: Final = re.compile(r"\s*(?:\d+\s+)?END\s+PGM\b", re.IGNORECASE)
 """The line that has to stand last."""
-
-_COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 
 _MOST_STANDING: Final = 20
 """Stretches of one program that are tried in vain."""
@@ -162,7 +160,7 @@ def expand(
     [b'G21', b'G91 G1 X2.5', b'G91 G1 X5.', b'M30', b'O2']
     """
     pattern = _CONVERSATIONAL if klartext else _STRUCTURED if sinumerik else _NEEDED if fanuc is None else _MACRO
-    if EXPANDED.first(data) >= 0 or pattern.search(_COMMENT.sub(b"", data)) is None:
+    if EXPANDED.first(data) >= 0 or pattern.search(COMMENT.sub(b"", data)) is None:
         return Expansion(data=data)
     folders, source = folders or Folders(), Source(name, data.decode("latin-1"))
     notes: list[str] = []

@@ -6,8 +6,9 @@ One number formatter for everything that is written.
 from __future__ import annotations
 
 import math
+import re
 import textwrap
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -21,6 +22,9 @@ above 127, which Grbl obeys even inside a comment (feed hold, status, cycle star
 
 COMMENT_WIDTH = 100
 """A comment line is no longer than this for the reader's sake, even where the dialect takes more."""
+
+COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
+"""A comment in parentheses, also one that does not end, or behind a semicolon."""
 
 
 class Comments(msgspec.Struct, frozen=True, kw_only=True):

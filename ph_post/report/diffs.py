@@ -16,9 +16,8 @@ from ph_post.files.check import counted
 from ph_post.gcode.program import PartProgram
 from ph_post.quantities import NOTHING, micrometres, millimetres, seconds
 from ph_post.report.result_line import ResultSummary, declared_axes, result_lines
-from ph_post.report.simulations import error_view
 from ph_post.report.tables import format_table
-from ph_post.report.views import View
+from ph_post.report.views import View, error_view
 from ph_post.units import MM, MM_PER_MIN
 from ph_post.verify.verdict import Verdict
 

@@ -12,10 +12,9 @@ from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.quantities import NOTHING, micrometres, millimetres
 from ph_post.report.page import evenly, make_page, numbers, rows_to_draw
 from ph_post.report.result_line import ResultSummary, result_lines
-from ph_post.report.simulations import error_view
 from ph_post.report.tables import format_table
 from ph_post.report.traces import DrawnMotion, Mark, Picture
-from ph_post.report.views import View, machine_table
+from ph_post.report.views import View, error_view, machine_table
 from ph_post.simulate.assess import scenario_words
 from ph_post.simulate.contour import ContourError, TurningError
 from ph_post.types import IntArray

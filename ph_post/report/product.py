@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from ph_post.report.result_line import result_lines, summary_view
-from ph_post.report.simulations import error_view
 from ph_post.report.traces import Picture
+from ph_post.report.views import error_view
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

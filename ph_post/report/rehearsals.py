@@ -12,9 +12,8 @@ from ph_post.quantities import NOTHING, before_and_after, micrometres, seconds
 from ph_post.rehearse.rehearse import Execution, Rehearsal
 from ph_post.report.figures import AFTER, BEFORE, MARK, legend_above, new_figure
 from ph_post.report.result_line import ResultSummary, declared_axes, result_lines
-from ph_post.report.simulations import error_view
 from ph_post.report.tables import format_table
-from ph_post.report.views import View
+from ph_post.report.views import View, error_view
 from ph_post.simulate.contour import ContourError
 from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.units import MICROMETRE, MM, MM_PER_MIN

@@ -30,7 +30,7 @@ from ph_post.errors import PhPostError
 from ph_post.files.check import counted
 from ph_post.gcode.program import PartProgram
 from ph_post.quantities import rounded_micrometres, rounded_seconds
-from ph_post.report.views import plan_view
+from ph_post.report.views import error_view, plan_view
 from ph_post.simulate.contour import ContourError
 from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.types import ROTARY_AXES, Command, Machine, Plan
@@ -296,12 +296,12 @@ def _further_view(found: FurtherError) -> dict[str, Any]:
 
 def summary_view(found: ResultSummary) -> dict[str, Any]:
     """Return a summary as INTERFACE has it in JSON: lengths in mm, times in s, null for what does not exist."""
-    before, after = (_size(one) for one in found.error_gap)
+    before, after = (error_view(one) for one in found.error_gap)
     times = (None, None) if found.time is None else found.time
     return {
         "cycle_time": dict(zip(("before", "after"), times, strict=True)),
-        "error": dict(zip(("before", "after"), map(_size, found.error), strict=True)),
-        "error_gap": {"before": before, "after": after, "after_worst": _size(found.error_gap_worst)},
+        "error": dict(zip(("before", "after"), map(error_view, found.error), strict=True)),
+        "error_gap": {"before": before, "after": after, "after_worst": error_view(found.error_gap_worst)},
         "error_sides": dict(zip(("before", "after"), map(_sides, found.sides), strict=True)),
         "part_side": {1: "left", -1: "right"}.get(found.part_side),
         "reversals": None if found.reversals is None else found.reversals._asdict(),
@@ -321,7 +321,3 @@ def plan_result_view(analysis: Analysis, plan: Plan, command: Command, found: Re
 
 def _sides(found: tuple[float, float] | None) -> dict[str, float] | None:
     return None if found is None else {"left": found[0] / MM, "right": found[1] / MM}
-
-
-def _size(error: ContourError | None) -> dict[str, float] | None:
-    return None if error is None else {"max": error.max / MM, "rms": error.rms / MM}

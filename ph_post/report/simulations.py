@@ -15,7 +15,7 @@ from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.quantities import NOTHING, micrometres, millimetres, seconds
 from ph_post.report.result_line import ResultSummary, result_lines, summarize, summarize_plans, summary_view
 from ph_post.report.tables import chosen_words, format_table
-from ph_post.report.views import View
+from ph_post.report.views import View, error_view
 from ph_post.simulate.assess import Assessment, scenario_words
 from ph_post.simulate.contour import ContourError, TurningError
 from ph_post.types import Event, EventKind, Scenario, TurningPoint
@@ -30,11 +30,6 @@ COLUMN_NOTES = (
 
 REMEDY: Final = "--strategy auto, or `convert`, compensates them"
 """What would change that a plain program is not compensated."""
-
-
-def error_view(error: ContourError | TurningError | None) -> View | None:
-    """Return an error as INTERFACE §5 has it [mm]."""
-    return None if error is None else {"max": error.max / MM, "rms": error.rms / MM}
 
 
 def scenario_view(scenario: Scenario) -> View:

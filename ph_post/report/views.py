@@ -21,6 +21,7 @@ from ph_post.compensate.standstill import standing_time, standstills
 from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
 from ph_post.quantities import millimetres
+from ph_post.simulate.contour import ContourError, TurningError
 from ph_post.types import (
     Array,
     Axis,
@@ -35,6 +36,11 @@ from ph_post.types import (
     Window,
 )
 from ph_post.units import MM, MM_PER_MIN, MS
+
+
+def error_view(error: ContourError | TurningError | None) -> View | None:
+    """Return an error as INTERFACE §5 has it [mm]."""
+    return None if error is None else {"max": error.max / MM, "rms": error.rms / MM}
 
 
 def machine_view(machine: Machine) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ph_post.gcode.numbers import COMMENT
 from ph_post.gcode.program import CUBIC, PartProgram
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
@@ -19,7 +20,6 @@ _OWN = b"GXYZFNIJKRPQ"
 _COMMANDS = b"MSTO"
 _DWELL = 4.0
 _EXTRUDED = re.compile(rb"[Ee][ \t]*([-+]?(?:\d+\.?\d*|\.\d+))")
-_COMMENT = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 _RELATIVE = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?M0*8([23])\b", re.IGNORECASE | re.MULTILINE)
 _SET = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?G0*92\b[^\r\n;]*", re.IGNORECASE | re.MULTILINE)
 _ROUNDED = re.compile(r"G64 P(\d*\.?\d+)( Q0)?")
@@ -244,7 +244,7 @@ def _check_extrusion(case: VerifyCase, own: _Places, change: int) -> None:
 
 def _extrudes(program: PartProgram, span: Any) -> bool:
     text = program.data[program.lines[span[0]] : program.lines[span[1]]]
-    return _EXTRUDED.search(_COMMENT.sub(b"", text)) is not None
+    return _EXTRUDED.search(COMMENT.sub(b"", text)) is not None
 
 
 def _extruder_before(program: PartProgram, line: int) -> tuple[float, bool]:
@@ -254,7 +254,7 @@ def _extruder_before(program: PartProgram, line: int) -> tuple[float, bool]:
     relative = bool(modes) and modes[-1] == b"3"
     if relative:
         return 0.0, True
-    words = _EXTRUDED.findall(_COMMENT.sub(b"", text))
+    words = _EXTRUDED.findall(COMMENT.sub(b"", text))
     return (float(words[-1]) if words else 0.0), False
 
 
@@ -262,7 +262,7 @@ def _extruded(program: PartProgram, span: Any, start: float, relative: bool) -> 
     """Return the extruder's place behind each line that has an E word."""
     at, found = start, {}
     for block in range(span[0], span[1]):
-        words = _EXTRUDED.findall(_COMMENT.sub(b"", program.text(block)))
+        words = _EXTRUDED.findall(COMMENT.sub(b"", program.text(block)))
         if words:
             at = at + float(words[-1]) if relative else float(words[-1])
             found[block] = at

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from ph_post.gcode.codes import takes_axes
+from ph_post.gcode.numbers import COMMENT
 from ph_post.gcode.program import Modal, PartProgram, PlaceArray, expand, runs
 from ph_post.types import Array, IntArray
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
@@ -23,7 +24,6 @@ _FREE = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 5.1, 61.0, 61.1, 64.0, 90.0, 91.0, 90.1, 
 _MOTIONS = (0.0, 1.0, 2.0, 3.0, 5.0, 5.1)
 
 _G = ord("G")
-_COMMENT = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 _BEHIND = re.compile(rb";[^\r\n]*")
 _ALIKE = 1e-9
 """Dwells [s] this close are the same number."""
@@ -119,7 +119,7 @@ def _check_remarks(case: VerifyCase, change: int) -> None:
     new = _stretch(case.compensated, int(changes.new_first[change]), int(changes.new_last[change]))
     first, marker = int(changes.old_first[change]), int(changes.marker[change])
     if b"(" in old or b";" in old:
-        pattern = _COMMENT if case.original.language.parentheses else _BEHIND
+        pattern = COMMENT if case.original.language.parentheses else _BEHIND
         rest = iter(pattern.findall(new))
         for comment in pattern.findall(old):
             if not any(comment == other for other in rest):

@@ -10,9 +10,9 @@ import msgspec
 import numpy as np
 
 from ph_post.dialects.reading import NOT_UNDERSTOOD, Remark
+from ph_post.gcode.numbers import COMMENT
 from ph_post.gcode.program import PlaceArray
 
-_COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 _WORD: Final = re.compile(rb"([A-Z])[ \t]*([-+]?[ \t]*(?:\d+\.?\d*|\.\d+))")
 MACRO: Final = rb"IF|WHILE|GOTO|END|DO[ \t]*\d|THEN|SETVN|POPEN|PCLOS|PRNT"
 """Pattern of the words of macro statements."""
@@ -55,7 +55,7 @@ def masked(data: bytes) -> bytes:
     >>> masked(b"g1 (fast) x1. ; so")
     b'G1        X1.     '
     """
-    return _COMMENT.sub(lambda found: b" " * len(found[0]), data).upper()
+    return COMMENT.sub(lambda found: b" " * len(found[0]), data).upper()
 
 
 def words_of(bare: bytes) -> list[tuple[bytes, bytes, int, int]]:
