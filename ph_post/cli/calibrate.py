@@ -95,13 +95,10 @@ def command(
     feeds: tuple[float, ...],
     warm_up: float,
     without_log: bool,
-    tool: float | None,
-    size: float | None,
-    depth: float | None,
-    swing: float | None,
     repeats: int | None,
     force: bool,
     as_json: bool,
+    **sizes: float | None,
 ) -> int:
     """Write test programs that show what a machine file should know, and the plan of what to record.
 
@@ -149,13 +146,8 @@ def command(
         "travel": _scaled(travel, MM),
         "feeds": _scaled(feeds, MM_PER_MIN),
     }
-    by_hand: dict[str, Any] = {
-        "swing": None if swing is None else swing * MM,
-        "repeats": repeats,
-        "tool": None if tool is None else tool * MM,
-        "size": None if size is None else size * MM,
-        "depth": None if depth is None else depth * MM,
-    }
+    by_hand: dict[str, Any] = {name: None if size is None else size * MM for name, size in sizes.items()}
+    by_hand["repeats"] = repeats
     circle = None if radius is None else radius * MM
     kit = ph.calibrate(drives, **room, radius=circle, warm_up=warm_up * MINUTE, without_log=without_log, **by_hand)
     texts = {program_file(drives, one): one.program for one in kit}

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
 from ph_post.cli import options
-from ph_post.units import MM, MM_PER_MIN
 
 
 @click.command()
@@ -20,12 +21,10 @@ from ph_post.units import MM, MM_PER_MIN
 def command(
     source: str,
     machine: str | None,
-    tolerance: float,
-    feed: float | None,
-    dialect: str | None,
     certify: bool,
     plot: str | None,
     as_json: bool,
+    **how: Any,
 ) -> int:
     """List the reversals of a path with their windows and, with a machine, their backlash.
 
@@ -58,15 +57,7 @@ def command(
     check_places({"IN": source}, {"--plot": plot}, json=as_json)
     products: dict[str, Content] = {}
     with ProgressPrinter() as progress:
-        found = ph.inspect(
-            source,
-            machine,
-            tolerance=tolerance * MM,
-            feed=None if feed is None else feed * MM_PER_MIN,
-            dialect=dialect,
-            certify=certify,
-            progress=progress,
-        )
+        found = ph.inspect(source, machine, certify=certify, progress=progress, **options.in_si(how))
         if plot is not None:
             progress("drawing")
             products[plot] = write_figure(draw_analysis(found.analysis), plot)

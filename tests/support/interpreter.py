@@ -27,7 +27,6 @@ GROUPS = {
 }
 PLANES = {"G17": ("X", "Y"), "G18": ("Z", "X"), "G19": ("Y", "Z")}
 OFFSETS = {"X": "I", "Y": "J", "Z": "K"}
-QUARTER_TURN = math.pi / 2
 
 
 @dataclass

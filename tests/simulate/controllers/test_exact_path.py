@@ -26,7 +26,6 @@ from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Command, ExactPath, GrblCorner, JerkCorner, Machine, MarlinCorner, PlannerSettings
 
 RATES, PUSHES = (50.0, 40.0, 10.0), (500.0, 400.0, 100.0)
-MARLIN_JERK = (0.01, 0.01, 0.0003)
 
 
 def machine_for(dialect: str, rates=RATES, pushes=PUSHES, **stated: float) -> Machine:

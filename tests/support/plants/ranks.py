@@ -188,8 +188,3 @@ def alike(apart: Mapping[str, float]) -> set[str]:
     bare = apart.get("nothing", np.inf)
     names = {name for name, rest in apart.items() if rest < min(ALIKE, 0.5 * bare)}
     return names | ({"nothing"} if bare < UNSEEN else set())
-
-
-def distinguishable(case: Case) -> set[str]:
-    """Names that look like one of the hidden effects; empty where each can be told."""
-    return set().union(*(alike(apart) for apart in tell_apart(case).values()))
