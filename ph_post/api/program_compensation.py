@@ -88,7 +88,7 @@ class ProgramCompensation(Compensation):
 
     @property
     def expanded(self) -> bool:
-        """Whether the program was written out."""
+        """Return whether the program was written out."""
         return self.expansion[0] is not self._job
 
     @cached_property

@@ -56,7 +56,7 @@ class ProgramReversal(ReversalEdit, frozen=True, kw_only=True, eq=False):
 
     @property
     def compensated(self) -> bool:
-        """Whether anything is done there."""
+        """Return whether anything is done there."""
         return self.strategy != PLAIN
 
 

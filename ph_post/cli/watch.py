@@ -287,7 +287,7 @@ class Watcher:
         return self._place / f"{stem}{self._suffix or ''}{ending}"
 
     def _is_there(self, target: pathlib.Path, raw: SourceBytes) -> bool:
-        """Whether the program is there from an earlier run, made of these bytes for this machine."""
+        """Return whether the program is there from an earlier run, made of these bytes for this machine."""
         known = raw.name.endswith(_PATH) or target in self._written
         there = b"" if known or self._how["force"] else _bytes(target)
         if not is_written_here(there):

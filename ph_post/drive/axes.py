@@ -18,12 +18,12 @@ from ph_post.types import Array, Axis, Machine, Scenario, TurningPoint
 
 
 def backlash_varies(axis: Axis) -> bool:
-    """Whether the gap of an axis changes along its travel."""
+    """Return whether the gap of an axis changes along its travel."""
     return bool(axis.effects) and plant_of(axis, Scenario()).widening is not None
 
 
 def has_backlash(axis: Axis) -> bool:
-    """Whether an axis has a gap anywhere that opens: gravity may keep it closed."""
+    """Return whether an axis has a gap anywhere that opens: gravity may keep it closed."""
     return axis.gravity_side is None and (axis.gap.lost_motion > 0.0 or backlash_varies(axis))
 
 

@@ -43,7 +43,7 @@ DEAF: Final = 0.05
 
 
 def feeds_acceleration(cascade: Cascade) -> bool:
-    """Whether the acceleration of the command is fed forward."""
+    """Return whether the acceleration of the command is fed forward."""
     return cascade.acceleration_feedforward != 0.0 or cascade.acceleration_lead != 0.0
 
 
@@ -191,7 +191,7 @@ def poles(servo: Servo) -> ComplexArray:
 
 
 def is_stable(servo: Servo) -> bool:
-    """Whether a cascade settles.
+    """Return whether a cascade settles.
 
     Examples
     --------

@@ -140,7 +140,7 @@ class RigidLoop(TableLoop):
         return [back, leaves, *moves] if self._falls(contact) else [leaves, *moves]
 
     def _falls(self, contact: int) -> bool:
-        """Whether the load alone moves the table from rest against the motor on that flank."""
+        """Return whether the load alone moves the table from rest against the motor on that flank."""
         plant = self.plant
         held = plant.coulomb_minus if contact > 0 else plant.coulomb_plus
         return contact * plant.load > held + plant.static

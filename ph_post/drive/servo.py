@@ -60,7 +60,7 @@ def rates(servo: Servo) -> Rates:
 
 
 def is_stable(servo: Servo) -> bool:
-    """Whether the loop's free motion dies out (Routh: c + k_d > b k_i, gains relative to k_p)."""
+    """Return whether the loop's free motion dies out (Routh: c + k_d > b k_i, gains relative to k_p)."""
     return effective_damping(servo) > servo.b * servo.ki_over_kp
 
 

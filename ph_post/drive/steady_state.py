@@ -156,7 +156,7 @@ def scaled_problem(servo: Servo, gap: Gap, amplitude: float, omega: float) -> Or
 
 
 def is_computable(servo: Servo, gap: Gap, amplitude: float, omega: float) -> bool:
-    """Whether every constant that is given is 0 or of a size with which the arithmetic cannot overflow."""
+    """Return whether every constant that is given is 0 or of a size with which the arithmetic cannot overflow."""
     loop = (servo.b, servo.c, servo.ki_over_kp, servo.kd_over_kp)
     dead_zone = (
         gap.lost_motion,
@@ -197,7 +197,7 @@ def _find_standstill(problem: OrbitProblem) -> float:
 
 
 def _crosses_once(problem: OrbitProblem, reversal: OrbitReversal, standstill: float) -> bool:
-    """Whether the axis reverses from a maximum and the motor's angle stays between the flanks until Δt."""
+    """Return whether the axis reverses from a maximum and the motor's angle stays between the flanks until Δt."""
     if reversal.place <= 0.0 or reversal.gap.drive >= 0.0:
         return False
     angles = [-reversal.gap.motor_angle(standstill * k / CHECKS) for k in range(1, CHECKS)]
@@ -357,7 +357,7 @@ def _turned(reversals: OrbitReversals, beta: Array, standstill: Array) -> Array:
 
 
 def _cross_once(reversals: OrbitReversals, beta: Array, size: Array, standstill: Array) -> BoolArray:
-    """Whether the axis reverses from a maximum and the motor stays between the flanks until Δt."""
+    """Return whether the axis reverses from a maximum and the motor stays between the flanks until Δt."""
     once: BoolArray = (reversals.place > 0.0) & (reversals.drive < 0.0)
     for part in range(1, CHECKS):
         turned = _turned(reversals, beta, standstill * (part / CHECKS))

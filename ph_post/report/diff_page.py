@@ -168,5 +168,5 @@ def _draw_path(axes: Axes, path: dict[str, Any], off: list[dict[str, Any]], most
 
 
 def _on_the_way(stretch: list[int]) -> BoolArray:
-    """Whether the steps of a line stay in one stretch."""
+    """Return whether the steps of a line stay in one stretch."""
     return np.asarray(np.diff(stretch, prepend=-1) == 0)

@@ -140,7 +140,7 @@ class PaperNumber(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def agrees(self) -> bool:
-        """Whether the value, rounded to the digits expected, is the number expected, or within its bound."""
+        """Return whether the value, rounded to the digits expected, is the number expected, or within its bound."""
         if self.within is not None:
             return abs(self.error) <= self.within * abs(float(self.reference))
         mantissa, _, exponent = self.reference.partition("e")

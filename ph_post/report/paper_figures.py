@@ -70,7 +70,7 @@ class Orbit:
         self.closes = self.opens + self.interval.duration
 
     def standing(self, t: Array) -> BoolArray:
-        """Whether the axis stands, for times about T/2."""
+        """Return whether the axis stands, for times about T/2."""
         inside: BoolArray = (t >= self.opens) & (t <= self.closes)
         return inside
 

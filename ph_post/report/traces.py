@@ -107,7 +107,7 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     notes: tuple[str, ...] = ()
 
     def known(self, s: Array) -> BoolArray:
-        """Whether places along the path (n,) [m] are drawn."""
+        """Return whether places along the path (n,) [m] are drawn."""
         ends = np.array(self.unknown).ravel()  # ascending, the begin and the end of each
         return np.asarray(np.searchsorted(ends, s, side="right") % 2 == 0)
 
@@ -118,12 +118,12 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def windowed(self) -> bool:
-        """Whether windows say anything here: where a feed dips in one, or backlash lies inside a loop."""
+        """Return whether windows say anything here: where a feed dips in one, or backlash lies inside a loop."""
         loops = {name: axis.loop.encloses_backlash for name, axis in self.machine.axes.items()}
         return any(loops[mark.view["axis"]] or mark.view["ratio"] is not None for mark in self.marks)
 
     def inside(self, s: Array) -> BoolArray:
-        """Whether places along the path (n,) [m] lie in a window."""
+        """Return whether places along the path (n,) [m] lie in a window."""
         found = np.zeros(s.size, dtype=bool)
         order = np.argsort(s, kind="stable")
         for window in self.windows:
@@ -162,7 +162,7 @@ def path_picture(result: PathCompensation) -> Picture:
 
 
 def _alike(one: Command, other: Command) -> bool:
-    """Whether two motions are the same in every sample, but for rounding."""
+    """Return whether two motions are the same in every sample, but for rounding."""
     a, b = one.position, other.position
     return a.shape == b.shape and bool((np.abs(a - b) < SAME).all())
 
