@@ -1,12 +1,13 @@
 """Divide what crossings leave of an arc so that the controller cuts it into chords no coarser than the whole arc's.
 
 Firmware cuts an arc into a whole number of chords, rounded down, so that a short rest of an arc may get chords of
-nearly twice the length, four times as far off the path.
+nearly twice the length, four times as far off the path. Where those of the whole arc are coarse, the rest gets finer
+ones: other chords as coarse would be where the original has its joints, as far off it as the original is off the arc.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import Final
 
@@ -16,18 +17,21 @@ from ph_post.dialects.planners import planner_of
 from ph_post.edit.edits import CrossingEdit
 from ph_post.gcode.motion_parts import arc_lengths
 from ph_post.gcode.program import ARC, PLANE_AXES, Motions
-from ph_post.simulate.controllers.chords import chord_counts, chord_errors
+from ph_post.simulate.controllers.chords import chord_errors
 from ph_post.types import ExactPath, Machine
 from ph_post.units import MM
 
-COARSER: Final = 0.5e-3 * MM
-"""Chords whose error is larger by less [m] than those of the whole arc are left."""
+SAME: Final = 0.5e-3 * MM
+"""Errors [m] of chords that differ by no more are as good."""
+
+COARSE, FINE = 10e-3 * MM, 5e-3 * MM
+"""Where chords of the whole arc are off by more than the first [m], what is left gets chords off by the second."""
 
 SPARE: Final = 2e-3 * MM
-"""Length [m] beyond a whole number of chords, as the ends of an arc are rounded and so few chords are lost to that."""
+"""Length [m] that a part of an arc may lack, as its ends are rounded."""
 
-SHORTEST: Final = 0.3
-"""Part of a chord below which no arc is written by itself."""
+MOST: Final = 1000
+"""Parts into which what is left of an arc is divided at most."""
 
 
 def chord_joints(motions: Motions, machine: Machine, crossings: Iterable[CrossingEdit]) -> dict[int, list[float]]:
@@ -58,21 +62,15 @@ def chord_joints(motions: Motions, machine: Machine, crossings: Iterable[Crossin
     return found
 
 
-def _joints(motions: Motions, planner: ExactPath, motion: int, low: float, high: float) -> Iterator[float]:
-    """Divide a part of an arc into one of whole chords and what is left, in one chord or two."""
+def _joints(motions: Motions, planner: ExactPath, motion: int, low: float, high: float) -> list[float]:
+    """Divide a part of an arc into the fewest equal ones whose chords are no coarser than they may be."""
     a, b, _ = PLANE_AXES[int(motions.plane[motion])]
     radius = np.hypot(*(motions.start[motion, [a, b]] - motions.center[motion]))[None]
-    length = arc_lengths(motions, np.array([motion]))
-    size = np.array([1.0, high - low])
-    own, part = chord_errors(planner, radius, size * motions.angle[motion], size * length)
-    if part <= own + COARSER:
-        return
-    chord = 1.0 / float(chord_counts(planner, radius, motions.angle[[motion]], length)[0])
-    whole = int((high - low) / chord)
-    ends = 1 if (high - low) / chord - whole >= SHORTEST else 2
-    at = low + (whole + 1 - ends) * chord
-    if whole >= ends:
-        at += SPARE / float(length[0])
-        yield at
-    if ends == 2:
-        yield 0.5 * (at + high)
+    angle, length = motions.angle[[motion]], arc_lengths(motions, np.array([motion]))
+    own = float(chord_errors(planner, radius, angle, length)[0])
+    may = SAME + (own if own <= COARSE else FINE)
+    parts = (high - low) / np.arange(1.0, MOST + 1.0)
+    error = np.maximum(*(chord_errors(planner, radius, parts * angle, parts * length + off) for off in (-SPARE, SPARE)))
+    fine = np.flatnonzero(error <= may)
+    count = int(fine[0]) + 1 if fine.size else MOST
+    return [float(share) for share in np.linspace(low, high, count + 1)[1:-1]]
