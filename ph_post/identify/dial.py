@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Final
 
 import msgspec
 import numpy as np
+from scipy import stats
 
 from ph_post.errors import InputError
 from ph_post.identify.handreadings import COARSEST_DIAL, Sure, resolution, rounding_error, widened
 from ph_post.types import Array
-from ph_post.types.readings import DialRow
+from ph_post.types.readings import STEPS, DialRow
 from ph_post.units import INCH, MICROMETRE, MM
 
 SLIPPED: Final = 0.3
@@ -26,6 +28,9 @@ NEAR: Final = 10.0 * MICROMETRE
 
 WELL_KNOWN: Final = NEAR / 1.645
 """Standard error of such a lost motion."""
+
+_BY_CHANCE: Final = 1e-3
+"""Chance that readings of one axis which agree are refused, of errors that are normally distributed."""
 
 _WRONG_SIGN: Final = 3.0
 """Errors by which a lost motion may be below 0."""
@@ -87,11 +92,14 @@ def read_dial(rows: Sequence[DialRow], swing: float) -> dict[str, DialResult]:
 def _axis(axis: str, rows: Sequence[DialRow], swing: float) -> DialResult:
     _check_swing(axis, rows, swing)
     lost = np.array([_check_row(row, swing) for row in rows])
+    _check_repeats(rows)
+    _check_ways(rows, lost)
+    _check_same_places(rows, lost)
     scatter, freedom = _scatter(rows, lost)
     if freedom == 0:
         what = "one reading from either side does not say how far it is off"
         raise InputError(f"{rows[0].where}, {axis}", what, expected="another row, or more readings in this one")
-    grain = resolution([one for row in rows for one in row.readings], COARSEST_DIAL)
+    grain = _grain(rows)
     noise, rounding = _mean_noise(rows, scatter, freedom), rounding_error(grain, scatter)
     found = Sure(value=float(np.mean(lost)), error=math.hypot(noise, rounding))
     if found.value < -max(_WRONG_SIGN * found.error, 5.0 * MICROMETRE):
@@ -154,6 +162,76 @@ def _check_row(row: DialRow, swing: float) -> float:
         what = f"{row.axis} went on by {_mm(swing)}, and the dial shows another way"
         raise InputError(row.where, what, expected=f"about {_mm(swing)} more than from minus", got=_mm(_beyond(row)))
     return lost
+
+
+def _check_repeats(rows: Sequence[DialRow]) -> None:
+    """Refuse a reading that is farther from the same one taken again than all others' scatter lets it be."""
+    sides = [
+        (row, name, side) for row in rows for name, side in zip(STEPS[::2], _sides(row), strict=True) if side.size > 1
+    ]
+    freedom = sum(side.size - 1 for _, _, side in sides) - 1
+    if freedom < 1:
+        return
+    most = _times(freedom, sum(side.size for _, _, side in sides))
+    squares = sum(float(np.sum((side - np.mean(side)) ** 2)) for _, _, side in sides)
+    grain = _grain(rows)
+    worst, found = 1.0, None
+    for row, name, side in sides:
+        for k, reading in enumerate(side):
+            others = np.delete(side, k)
+            off, share = abs(reading - np.mean(others)), (side.size - 1) / side.size
+            scatter = math.sqrt(max(squares - share * off**2, 0.0) / freedom)
+            limit = max(most * max(scatter, grain / math.sqrt(12.0)) / math.sqrt(share), NEAR + grain)
+            if off / limit > worst:
+                worst, found = off / limit, (row, name, reading, others, limit)
+    if found is not None:
+        row, name, reading, others, limit = found
+        again = ", ".join(f"{one / MM:.4g}" for one in others)
+        what = f"{name}, {reading / MM:.4g} mm contradicts {again} mm, read there again"
+        expected = f"within {limit / MM:.2g} mm, by how far the others scatter: read this row again, or leave it out"
+        raise InputError(row.where, what, expected=expected, got=f"{_mm(abs(reading - np.mean(others)))} apart")
+
+
+def _check_ways(rows: Sequence[DialRow], lost: Array) -> None:
+    """Refuse a row whose way beyond is not that of the other rows, as far as they scatter: the indicator slipped."""
+    ways = np.array([_beyond(row) for row in rows])
+    for k, row in enumerate(rows):
+        others = np.delete(ways, k)
+        scatter, freedom = _scatter([*rows[:k], *rows[k + 1 :]], np.delete(lost, k))
+        if freedom == 0 or others.size < 2:
+            continue
+        scatter = max(scatter, _grain(rows) / math.sqrt(12.0))
+        limit = _times(freedom, len(rows)) * scatter * math.sqrt(2.0 + 2.0 / others.size) + NEAR
+        if abs(ways[k] - np.mean(others)) > limit:
+            what = "its way beyond contradicts that of the other rows: the indicator slipped, or a reading is wrong"
+            expected = f"{_mm(float(np.mean(others)))} within {limit / MM:.2g} mm: read this row again, or leave it out"
+            raise InputError(row.where, what, expected=expected, got=_mm(float(ways[k])))
+
+
+def _check_same_places(rows: Sequence[DialRow], lost: Array) -> None:
+    """Refuse rows of one place whose lost motions differ by more than readings scatter that were taken again."""
+    scatter, freedom = _scatter(rows, lost)
+    if freedom == 0 or all(len(row.readings) == len(STEPS) for row in rows):
+        return
+    scatter = max(scatter, _grain(rows) / math.sqrt(12.0))
+    pairs = [pair for group in _by_place(rows, lost).values() for pair in combinations(group, 2)]
+    most = _times(freedom, max(len(pairs), 1))
+    for (one, first), (other, second) in pairs:
+        error = scatter * math.sqrt(sum(1.0 / side.size for row in (one, other) for side in _sides(row)))
+        limit = most * error + NEAR
+        if abs(first - second) > limit:
+            what = f"its lost motion contradicts that of {one.where.rpartition(': ')[2]}, at the same place of {one.axis}"
+            expected = f"within {limit / MM:.2g} mm, by how far readings scatter: read both again, or leave the wrong one out"
+            raise InputError(other.where, what, expected=expected, got=f"{_mm(first)} and {_mm(second)}")
+
+
+def _times(freedom: int, tests: int) -> float:
+    """Return how many standard errors, from `freedom` degrees of freedom, the largest of `tests` errors has."""
+    return float(stats.t.isf(0.5 * _BY_CHANCE / tests, freedom))
+
+
+def _grain(rows: Sequence[DialRow]) -> float:
+    return resolution([one for row in rows for one in row.readings], COARSEST_DIAL)
 
 
 def _scatter(rows: Sequence[DialRow], lost: Array) -> tuple[float, int]:

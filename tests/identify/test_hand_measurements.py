@@ -109,6 +109,23 @@ def test_a_dial_asks_for_as_many_readings_as_it_takes(tmp_path, dial):
     assert np.mean(np.abs(off) < 0.010) >= 0.9
 
 
+def test_a_reading_that_is_a_tenth_off_is_refused_by_its_row(tmp_path):
+    """Of readings good to 5 µm; that none which agree are refused is shown by all tests of honest readings."""
+    file = tmp_path / "readings.toml"
+    for seed in range(12):
+        random = np.random.default_rng(seed)
+        text = hand_trials.readings(hand_trials.draw(random), random, Shop())
+        rows = text.split("readings = [")
+        wrong = int(random.integers(1, len(rows)))
+        numbers, rest = rows[wrong].split("]", 1)
+        values = [float(one) for one in numbers.split(",")]
+        values[int(random.integers(len(values)))] += float(random.choice([-0.1, 0.1]))
+        rows[wrong] = f"{', '.join(f'{one:.3f}' for one in values)}]{rest}"
+        file.write_text("readings = [".join(rows))
+        with pytest.raises(ph.InputError, match=rf"dial\[{wrong - 1}\].*(contradict|another way)"):
+            ph.measure(file, "stepper")
+
+
 def test_a_cut_shows_squareness_and_scale_beside_the_lost_motion(tmp_path):
     errors = measure_many(tmp_path, 8, Shop(), cut=True)
     assert share_within(errors["lost motion"], 0.010) == 1.0
