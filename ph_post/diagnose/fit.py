@@ -53,6 +53,10 @@ LEAST: Final = {"dead_time": 2e-5}
 """Least standard error of base values that may be 0: command and reading are not sampled at the same instant [s]."""
 
 
+SETTINGS: Final = {"velocity_feedforward": 0.005}
+"""Relative standard error of base values that are typed in and not measured: what a drive makes of them."""
+
+
 class Prior(msgspec.Struct, frozen=True, kw_only=True):
     """A base value of the file: the field of the plant, its relative standard error, and the `least` error [SI]."""
 
@@ -121,7 +125,7 @@ def base_model(problem: AxisProblem) -> Model:
     if plant.gap > 0.0:
         fields += ["gap", "eta", "beta"] if plant.loop.encloses_backlash else ["gap"]
     priors = tuple(
-        Prior(field=field, least=LEAST.get(field, 0.0))
+        Prior(field=field, error=SETTINGS.get(field, PRIOR), least=LEAST.get(field, 0.0))
         for field in fields
         if base_value(plant, field) > 0.0 or field in LEAST
     )

@@ -128,8 +128,12 @@ def explains(problem: AxisProblem, before: FittedModel, after: FittedModel) -> b
 
 
 def does_enough(problem: AxisProblem, fitted: FittedModel) -> bool:
-    """Return whether the last part of a model, base values as they are, changes a reading by more than noise."""
-    without = residuals_of(problem, replace(fitted.model, parts=fitted.model.parts[:-1]))
+    """Return whether the last part of a model changes a reading by more than noise.
+
+    Base values stay as they are, and those that the part replaced are the file's.
+    """
+    last = len(fitted.model.parts) - 1
+    without = residuals_of(problem, without_part(fitted.model, last, restored=True))
     return any(
         mean_square(fitted.left[one.channel] - without[one.channel], problem.counted & one.ok) > (OWN * one.noise) ** 2
         for one in problem.observed

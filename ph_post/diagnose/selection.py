@@ -49,8 +49,12 @@ LOYAL: Final = 0.4
 TIMING: Final = frozenset(("transport_delay", "command_filter"))
 """Names that make a command late."""
 
-SHORT: Final = 2.0
-"""Rows of the command up to which they are each other's rivals: a filter may be straight in between, or smooth."""
+TOLD: Final = 0.5
+"""Square of rows by which a filter has to smear a command to be told from a delay: three times what straight lines
+between rows do (1/6), as nobody knows what a drive does there."""
+
+TOLD_LAID: Final = 4.0 / 3.0
+"""The same where rows are farther apart than those of a drive, and the command is laid between them."""
 
 MOST: Final = 4
 """Effects that are looked for on one axis."""
@@ -253,8 +257,16 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
 
 
 def _is_short(problem: AxisProblem, part: ModelPart) -> bool:
-    """Return whether a delay or a filter is so short that it rests on what a command does between its rows."""
-    return part.hypothesis.name in TIMING and part.numbers[0] <= SHORT * problem.period / problem.parts
+    """Return whether a delay or a filter is so short that it rests on what a command does between its rows.
+
+    A filter differs from a delay by the variance of its impulse response: T² of an exponential one, T²/12 of a moving
+    average; a delay could be a moving average of twice its length.
+    """
+    if part.hypothesis.name not in TIMING:
+        return False
+    square = part.numbers[0] ** 2
+    smears = {"moving_average": square / 12.0, "exponential_filter": square}.get(part.hypothesis.variant, square / 3.0)
+    return smears <= (TOLD if problem.parts == 1 else TOLD_LAID) * (problem.period / problem.parts) ** 2
 
 
 def _equals(
