@@ -113,10 +113,15 @@ def before_and_after(before: float | None, after: float | None, write: Callable[
     return f"{write(before)} {unit} before, {write(after)} {unit} after"
 
 
+MOST_DIGITS: Final = 4
+"""Digits of a value that an error stands beside, at most."""
+
+
 def with_error(value: float, error: float | None) -> tuple[str, str | None]:
     """Write a value and its standard error, both to the last digit of the error; None where it is not known.
 
-    The error has one digit, or two where one would be off by more than 5 %.
+    The error has one digit, or two where one would be off by more than 5 %. No value has more than four digits: a model
+    is no better than that, whatever the scatter; the error is then rounded up to the last of them.
 
     Examples
     --------
@@ -124,6 +129,8 @@ def with_error(value: float, error: float | None) -> tuple[str, str | None]:
     (('20.4', '0.1'), ('0.0312', '0.0013'), ('12.35', None))
     >>> with_error(-0.001, 0.04)
     ('0.00', '0.04')
+    >>> with_error(0.180009, 0.000017), with_error(15042.0, 3.0)
+    (('0.1800', '0.0001'), ('15040', '10'))
     >>> with_error(1.5623e-4, 2e-6), with_error(2.3456e-5, 1.2e-6)
     (('0.000156', '2e-06'), ('2.35e-05', '1.2e-06'))
     """
@@ -131,12 +138,27 @@ def with_error(value: float, error: float | None) -> tuple[str, str | None]:
         return f"{value:.4g}", None
     short = float(f"{error:.0e}")
     digits = 1 if abs(short - error) <= 0.05 * error else 2
-    exponent = math.floor(math.log10(float(f"{error:.{digits - 1}e}")))
-    if abs(value) < 1e-3 and exponent < -5:
-        shown = digits + math.floor(math.log10(abs(value) or error)) - exponent
-        return f"{value:{'#' if shown > 1 else ''}.{max(shown, 1)}g}", f"{error:.{digits}g}"
-    if abs(value) > 1e6 * error:
-        return f"{value:.6g}", f"{error:.1g}"
-    places = digits - 1 - exponent
-    shown = max(places, 0)
-    return f"{round(value, places) + 0.0:.{shown}f}", f"{round(error, places):.{shown}f}"
+    last = math.floor(math.log10(float(f"{error:.{digits - 1}e}"))) - digits + 1
+    most = last if value == 0.0 else math.floor(math.log10(abs(value))) - MOST_DIGITS + 1
+    if most > last:
+        last = most
+        error = math.ceil(error / 10.0**last) * 10.0**last
+    if abs(value) < 1e-3 and last < -5:
+        shown = math.floor(math.log10(abs(value) or error)) - last + 1
+        digits = math.floor(math.log10(error) + 1e-9) - last + 1
+        return f"{value:{'#' if shown > 1 else ''}.{max(shown, 1)}g}", f"{error:.{max(digits, 1)}g}"
+    shown = max(-last, 0)
+    return f"{round(value, -last) + 0.0:.{shown}f}", f"{round(error, -last):.{shown}f}"
+
+
+def measured_words(value: float, error: float | None, unit: str = "", sign: str = "±") -> str:
+    """Write a value, its standard error where one is known, and their unit.
+
+    Examples
+    --------
+    >>> measured_words(0.031234, 0.00134, "mm"), measured_words(12.3456, None, "N", "+-")
+    ('0.0312 ± 0.0013 mm', '12.35 N')
+    """
+    shown, error_shown = with_error(value, error)
+    both = shown if error_shown is None else f"{shown} {sign} {error_shown}"
+    return f"{both} {unit}" if unit else both

@@ -33,6 +33,10 @@ _MINE: Final = re.compile(r"^#\s*\+- [^;]*(?:;\s*)?")
 """The beginning of a comment that an earlier change has put behind a number."""
 
 
+_WAS: Final = "was "
+"""What the comment of a value that is no longer there begins with."""
+
+
 class EffectChange(msgspec.Struct, frozen=True, kw_only=True):
     """A change of one effect of an axis.
 
@@ -169,15 +173,18 @@ def _table_of(axis: Any, key: str) -> tuple[Any, str]:
 def _set(
     table: MutableMapping[str, Any], key: str, value: float | str, comment: str, above: Sequence[str] = ()
 ) -> None:
-    """Set a key, keep what a person wrote behind it, and put lines above it."""
-    old = table[key].trivia if isinstance(table[key], Item) else None
+    """Set a key, keep what a person wrote behind the value that was there, and put lines above it."""
+    before = table[key]
+    old, text = (before.trivia, before.as_string()) if isinstance(before, Item) else (None, "")
     table[key] = written(value)
     item = table[key]
     if not isinstance(item, Item) or old is None:
         return
     kept = _MINE.sub("", old.comment).lstrip("# ")
+    if kept and not kept.startswith(_WAS) and item.as_string() != text:
+        kept = f"{_WAS}{text}: {kept}"
     words = "; ".join(part for part in (comment, kept) if part)
-    if words and (comment or _MINE.match(old.comment)):
+    if words:
         item.trivia.comment_ws = old.comment_ws or "  "
         item.trivia.comment = f"# {words}"
     if above and "\n" in item.trivia.trail:

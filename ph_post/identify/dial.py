@@ -220,8 +220,10 @@ def _check_same_places(rows: Sequence[DialRow], lost: Array) -> None:
         error = scatter * math.sqrt(sum(1.0 / side.size for row in (one, other) for side in _sides(row)))
         limit = most * error + NEAR
         if abs(first - second) > limit:
-            what = f"its lost motion contradicts that of {one.where.rpartition(': ')[2]}, at the same place of {one.axis}"
-            expected = f"within {limit / MM:.2g} mm, by how far readings scatter: read both again, or leave the wrong one out"
+            first_row = one.where.rpartition(": ")[2]
+            what = f"its lost motion contradicts that of {first_row}, at the same place of {one.axis}"
+            within = f"within {limit / MM:.2g} mm, by how far readings scatter"
+            expected = f"{within}: read both again, or leave the wrong one out"
             raise InputError(other.where, what, expected=expected, got=f"{_mm(first)} and {_mm(second)}")
 
 

@@ -24,6 +24,7 @@ from ph_post.identify.direct_readings import CoastDown, effort_gain, pooled_rate
 from ph_post.identify.drive_fit import BacklashVerdict, DriveFit, position_rms
 from ph_post.identify.errors import fit_covariance
 from ph_post.identify.free_run import AxisProblem, residuals, weighted_residuals, weights_of
+from ph_post.quantities import measured_words
 from ph_post.types import Array, Axis, AxisLog, Uncertainty
 from ph_post.types.diagnosis import PRODUCT, Estimate, IdentifiedDrive, Origin, Sensitivity
 from ph_post.units import MICROMETRE, MM
@@ -259,7 +260,7 @@ def _gap(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
     estimate = Estimate(value=product, stderr=product * settled.settling.product_error(), unit="mm")
     words = (
         "positions on one side of a load loop show only Δθ_m/C: η times the lost motion is "
-        f"{product:.4g} ± {estimate.stderr:.2g} mm; the lost motion is given for η = {plant.eta:.4g}, "
+        f"{measured_words(product, estimate.stderr, 'mm')}; the lost motion is given for η = {plant.eta:.4g}, "
     )
     if settled.from_file:
         notes.append(words + "the machine file's, with the file's uncertainty of C")
@@ -305,7 +306,7 @@ def _motor(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
     if coupled:
         rate, error = pooled_rate(coupled)
         notes.append(
-            f"the axis coasts down at {rate:.4g} ± {error:.2g} 1/s, motor and table together: the mechanical"
+            f"the axis coasts down at {measured_words(rate, error, '1/s')}, motor and table together: the mechanical"
             " part of c/b, not β of the motor alone"
         )
     acts = plant.loop.encloses_backlash and settled.verdict.fit is not None

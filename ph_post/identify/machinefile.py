@@ -20,6 +20,7 @@ from ph_post.files.machine import AxisChange, EffectChange, Row, edit_axes, mach
 from ph_post.files.storage import SourceText, source_of
 from ph_post.identify.cascade_numbers import cascade_values
 from ph_post.identify.estimates import KEYS
+from ph_post.quantities import measured_words, with_error
 from ph_post.types import USUAL_REFERENCE, Axis, Cascade, EffectSetting, Log, Machine, Uncertainty
 from ph_post.types.diagnosis import PRODUCT, Diagnosis, Estimate, Finding, Identification, IdentifiedDrive
 from ph_post.units import MICROMETRE, MM, MS
@@ -168,8 +169,15 @@ def error_words(key: str, value: float, parameters: Mapping[str, Estimate]) -> s
         return ""
     estimate = found[0]
     if math.isclose(estimate.value, value, rel_tol=1e-4):
-        return f"+- {estimate.stderr:.2g} {estimate.unit}".rstrip()
-    return f"+- {100.0 * found[0].stderr / abs(estimate.value):.2g} %" if estimate.value else ""
+        return _error_of(estimate)
+    share = with_error(100.0, 100.0 * found[0].stderr / abs(estimate.value))[1] if estimate.value else None
+    return "" if share is None else f"+- {share} %"
+
+
+def _error_of(estimate: Estimate) -> str:
+    """Return a standard error in words with its unit, nothing where none is known."""
+    error = with_error(estimate.value, estimate.stderr)[1]
+    return "" if error is None else f"+- {error} {estimate.unit}".rstrip()
 
 
 def _error_comments(values: Mapping[str, Any], parameters: Mapping[str, Estimate]) -> dict[str, str]:
@@ -472,8 +480,8 @@ def _words(name: str, drive: IdentifiedDrive) -> str:
     if estimate is None:
         return _ASSUMED
     if estimate.stderr is not None:
-        return f"+- {estimate.stderr:.2g} {estimate.unit}".rstrip()
+        return _error_of(estimate)
     product = drive.parameters.get(PRODUCT)
     if product is None or product.stderr is None:
         return ""
-    return f"times inertia_fraction {product.value:.4g} +- {product.stderr:.2g} mm: only that shows"
+    return f"times inertia_fraction {measured_words(product.value, product.stderr, 'mm', '+-')}: only that shows"

@@ -17,7 +17,7 @@ from ph_post.identify.dial import DialResult, read_dial
 from ph_post.identify.handreadings import Sure, weighted_mean
 from ph_post.identify.machinefile import axis_change, changed_machine
 from ph_post.identify.testcut import CutResult, read_cut
-from ph_post.quantities import with_error
+from ph_post.quantities import measured_words
 from ph_post.types import Axis, Machine
 from ph_post.types.diagnosis import Estimate
 from ph_post.types.readings import Readings
@@ -154,7 +154,7 @@ def _axis(axis: Axis, sources: Mapping[str, Sure], dial: DialResult | None, name
 
 
 def _words(one: Sure) -> str:
-    return f"{one.value / MM:.4f} +- {one.error / MM:.4f} mm"
+    return measured_words(one.value / MM, one.error / MM, "mm", "+-")
 
 
 def _changed(axis: Axis, found: AxisMeasurement) -> Axis:
@@ -251,9 +251,8 @@ def sure_words(one: Sure, size: float, unit: str) -> str:
     >>> sure_words(Sure(value=2e-4, error=1e-4), MM, "mm/m")
     '+0.2 +- 0.1 mm/m'
     """
-    value, error = with_error(one.value / size, one.error / size)
-    value = value if value.startswith("-") else f"+{value}"
-    return f"{value} {unit}" if error is None else f"{value} +- {error} {unit}"
+    words = measured_words(one.value / size, one.error / size, unit, "+-")
+    return words if words.startswith("-") else f"+{words}"
 
 
 def slope_words(one: Sure) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ph_post.api.measurements import LogIdentification
-from ph_post.quantities import micrometres, with_error
+from ph_post.quantities import measured_words, micrometres
 from ph_post.report.diagnosis_page import channel_noise, envelope, residual_scale, stretches
 from ph_post.report.effect_words import gap_words, label_words, verdict_sentences
 from ph_post.report.figures import AFTER, MARK, WINDOW, legend_above, new_figure
@@ -126,8 +126,7 @@ def draw_identification(found: LogIdentification) -> Figure:
 def _words(found: Identification) -> Iterator[str]:
     """Name what was identified, a line an axis."""
     for axis, parameters in found.axes.items():
-        known = ((name, *with_error(one.value, one.stderr), one.unit) for name, one in parameters.items())
-        told = [f"{name} {value}{'' if error is None else f' ± {error}'} {unit}" for name, value, error, unit in known]
+        told = (f"{name} {measured_words(one.value, one.stderr, one.unit)}" for name, one in parameters.items())
         yield f"{axis}: {', '.join(told)}"
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from ph_post.quantities import micrometres, with_error
+from ph_post.quantities import measured_words, micrometres
 from ph_post.types.diagnosis import Diagnosis, Estimate, Finding
 
 LARGE: Final = 1e5
@@ -91,9 +91,7 @@ def estimate_words(one: Estimate) -> str:
     >>> estimate_words(Estimate(value=12.3456, stderr=None, unit="N"))
     '12.35 N'
     """
-    value, error = with_error(one.value, one.stderr)
-    unit = "" if one.unit in ("", "1") else f" {one.unit}"
-    return f"{value}{unit}" if error is None else f"{value} ± {error}{unit}"
+    return measured_words(one.value, one.stderr, "" if one.unit == "1" else one.unit)
 
 
 def parameter_words(key: str, one: Estimate) -> str:

@@ -10,7 +10,7 @@ from ph_post.identify.ballbar import BallBarResult
 from ph_post.identify.dial import NEAR, DialResult
 from ph_post.identify.handreadings import Sure
 from ph_post.identify.measurement import AxisMeasurement, slope_words, sure_words
-from ph_post.quantities import with_error
+from ph_post.quantities import measured_words
 from ph_post.report.tables import format_table
 from ph_post.units import DEGREE, MICROMETRE, MM, MS
 
@@ -81,8 +81,7 @@ def _worth(one: Sure) -> str:
 
 
 def _length(one: Sure) -> str:
-    value, error = with_error(one.value / MM, one.error / MM)
-    return f"{value} mm" if error is None else f"{value} +- {error} mm"
+    return measured_words(one.value / MM, one.error / MM, "mm", "+-")
 
 
 def _bar_lines(bar: BallBarResult) -> Iterator[str]:

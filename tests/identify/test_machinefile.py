@@ -112,7 +112,7 @@ def test_a_number_changes_where_it_stands_and_keeps_its_comment():
         "- lost_motion_mm = 0.030   # indicator",
         "+ # backlash, diagnosed from run.csv (sha256 abc123)",
         "+ # residual on held-out data 8.04 -> 3 um",
-        "+ lost_motion_mm = 0.03123457   # +- 0.0004 mm; indicator",
+        "+ lost_motion_mm = 0.03123457   # +- 0.0004 mm; was 0.030: indicator",
     ]
 
 
@@ -139,7 +139,7 @@ def test_a_second_diagnosis_replaces_the_standard_error_of_the_first():
     better = with_axis(machine, gap=replace(machine.axes["X"].gap, lost_motion=31e-6))
     size = {"lost_motion_mm": Estimate(value=0.031, stderr=4e-4, unit="mm")}
     text = diagnosed_machine(original, diagnosis(better, finding("backlash", size, None)), log())
-    assert "lost_motion_mm = 0.031   # +- 0.0004 mm; indicator\n" in text
+    assert "lost_motion_mm = 0.031   # +- 0.0004 mm; was 0.030: indicator\n" in text
 
 
 def test_a_gap_given_as_an_angle_is_changed_as_an_angle():
@@ -152,7 +152,7 @@ def test_a_gap_given_as_an_angle_is_changed_as_an_angle():
     stated = tomllib.loads(text)["axes"]["X"]
     assert stated["backlash_motor_rad"] == pytest.approx(4e-3 * 25.0 / 1.0, rel=1e-6)  # r Δθ_m / N, N = 25, r = 1 m
     assert "lost_motion_mm" not in stated
-    assert "backlash_motor_rad = 0.1         # +- 1 %; Δθ_m\n" in text
+    assert "backlash_motor_rad = 0.1         # +- 1 %; was 0.125664: Δθ_m\n" in text
 
 
 PHYSICAL = "N = 2.0\nr = 0.001\nJ = 0.01\nB = 1.0\nk_p = 500.0\nk_a = 1.0\nk_t = 0.5\nlost_motion_mm = 0.01\n"
@@ -208,7 +208,7 @@ def test_an_effect_that_is_there_gets_the_new_number():
         "+ # coulomb_friction, diagnosed from run.csv (sha256 abc123)",
         "+ # residual on held-out data 8.04 -> 3 um",
         "- force_n = 10 # guess",
-        "+ force_n = 20.41235 # +- 0.1 N; guess",
+        "+ force_n = 20.41235 # +- 0.1 N; was 10: guess",
     ]
 
 

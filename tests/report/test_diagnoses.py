@@ -297,7 +297,7 @@ def test_a_record_without_noise_is_told_in_few_digits():
     exact = replace(COULOMB, parameters={"force": Estimate(value=0.02, stderr=2.8e-11, unit="mm")})
     steps = (STEPS[0], ResidualStep(added="coulomb_friction:X", fit_rms=2e-16, holdout_rms=3e-16))
     lines = diagnosis_lines(diagnosis(findings=(exact,), noise_floor=1e-16, steps=steps))
-    assert lines[0] == "Coulomb friction is missing from X: 0.02 ± 3e-11 mm of following error."
+    assert lines[0] == "Coulomb friction is missing from X: 0.02000 ± 0.00001 mm of following error."
     (first,) = (line for line in lines if line.strip().startswith("original machine file"))
     assert first.split()[-3:] == ["7.20", "8.00", "8e+10"]
     (last,) = (line for line in lines if line.strip().startswith("+ Coulomb friction (X)"))
