@@ -275,6 +275,7 @@ class _PlanSearch:
         self._kept: tuple[EditOptions, GuardFinding] | None = None
         self._over, self._further, self._enough = math.inf, 0, math.inf
         self._planned: set[float] = set()
+        self._largest, self._pace = 0.0, 1.0
 
     def run(self, options: EditOptions) -> CompensatedProgram:
         """Return the best plan; the program itself where none is good."""
@@ -291,7 +292,7 @@ class _PlanSearch:
                 again = self._judge(*self._written(edits), options)
             if again is None:
                 break
-            options = again
+            options = replace(again, pace=self._pace)
         if self._best is not None:
             return self._best
         original = self._original
@@ -336,6 +337,8 @@ class _PlanSearch:
         if judged is None:
             self._best = self._best or made
             return None
+        if judged.planned > self._largest:
+            self._largest, self._pace = judged.planned, max(1.0, judged.slowdown / judged.planned)
         if not judged.worse:
             self._enough = min(self._enough, judged.slowdown)
         tighter = tightened(options, judged, self._request.edit.max_slowdown, self._count)

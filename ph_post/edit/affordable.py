@@ -66,6 +66,7 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
     while search.unsplit(found):
         found = _search_raised(search, options, 0.0)
     every = search.cost(found)
+    need = round_up(options.pace * every / total)
     for coarser in (1.0, *COARSER):
         cost = every if coarser == 1.0 else search.cost(found, coarser)
         if cost <= allowed:
@@ -76,7 +77,7 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
                 warnings=search.warnings,
                 short=coarser >= FINE,
             )
-    _leave_costly(search, options, allowed, round_up(every / total))
+    _leave_costly(search, options, allowed, need)
     _take_back(search, options, allowed)
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
@@ -86,7 +87,7 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
     widest = max(_bands(search, options, high).values())
     said = [
         f"moves below {widest / MM:.4g} mm are ignored to keep within --max-slowdown:"
-        f" --max-slowdown {round_up(every / total):g} would compensate all above {options.tolerance / MM:g} mm"
+        f" --max-slowdown {need:g} would compensate all above {options.tolerance / MM:g} mm"
     ]
     return AffordedChanges(
         changes=found,
@@ -120,7 +121,7 @@ def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, 
         search.take_again(search.for_now)
         price = dict.fromkeys(cost, 0.0)
         for place in order[:count]:
-            price[place[0]] += places[place].cost
+            price[place[0]] += options.pace * places[place].cost
         for place in reversed(order[:count]):
             name = place[0]
             why = f"its crossings would cost {price[name]:.2g} s; --max-slowdown {need:g} would allow them"

@@ -240,6 +240,8 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         Sections in which no axis gets an offset, see :func:`~ph_post.edit.reversals.section_spans`.
     cycle : float
         Time of the program as its controller runs it [s], 0 where that is not known.
+    pace : float
+        Time that a plan took on its controller for each second that was reckoned for it; what is said of time is that.
     largest_first : bool
         Where the time is short spend it on what gains most, in place of what gains most for its time.
     position_from : {0, 1, -1}
@@ -258,6 +260,7 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     block_time: float = BLOCK_TIME
     left: frozenset[int] = frozenset()
     cycle: float = 0.0
+    pace: float = 1.0
     largest_first: bool = False
     position_from: int = 0
     overshoot: float | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from itertools import combinations
 from pathlib import Path
 
@@ -58,6 +59,19 @@ def test_all_reversals_find_room(number: int, allowed: float, tmp_path: Path) ->
     assert found.before.error is not None
     assert found.after.error is not None
     assert found.after.error.rms < 0.5 * found.before.error.rms
+
+
+@pytest.mark.parametrize("allowed", [0.02, 0.1])
+def test_the_time_that_is_said_to_be_enough_is_enough(allowed: float, tmp_path: Path) -> None:
+    # Its crossings take 2.5 times as long as is reckoned: circles under G61.
+    short = compensated(330, allowed, tmp_path)
+    done, every = counts(short)
+    assert done < every
+    said = {float(size) for size in re.findall(r"--max-slowdown ([0-9.]+) would", " ".join(short.warnings))}
+    assert len(said) == 1
+    (enough,) = said
+    assert allowed < enough < 0.4
+    assert counts(compensated(330, enough, tmp_path)) == (every, every)
 
 
 def test_what_costs_much_and_gains_little_does_not_take_the_place_of_the_rest(tmp_path: Path) -> None:
