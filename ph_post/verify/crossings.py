@@ -83,7 +83,7 @@ def check_crossings(case: VerifyCase, pairing: Pairing, found: Stretches) -> Cro
     old, new = _polylines_of(case, whole, starts, sagitta)
     grid = _grid(case, whole)
     spare = _ROUNDED * grid + 2.0 * sagitta
-    bound = np.full(whole.change.size, case.bound + declared.within + 2.0 * sagitta)
+    bound = case.bound + declared.within + 2.0 * sagitta + _ignored(case, old)
     # Where the path is flat, the table may wait outside it by what is declared, until the path comes back behind it.
     waits = np.minimum(declared.within, _WAITING * np.max(sides[:, :, 1] - sides[:, :, 0], axis=1))
     tables = [follow_play(new.points, new.first, sides, start, _ROUNDED * grid + EXACT + waits) for start in starts]
@@ -252,6 +252,24 @@ def _points_at(old: _Polylines, along: Array, row: Array, place: Array) -> Array
     """Points of the original at places in the row."""
     everywhere = along + np.repeat(row, np.diff(old.first))
     return np.column_stack([np.interp(place, everywhere, old.points[:, axis]) for axis in range(3)])
+
+
+def _ignored(case: VerifyCase, old: _Polylines) -> Array:
+    """Return the longest way (r,) [m] that an axis goes back and on again within its dead band: no table follows."""
+    longest = np.zeros(old.first.size - 1)
+    stretch = np.repeat(np.arange(longest.size), np.diff(old.first))
+    for name, amount in case.declared.offsets.items():
+        step = np.diff(old.points[:, AXES.index(name)])
+        moves = np.flatnonzero((np.abs(step) > EXACT) & (stretch[1:] == stretch[:-1]))
+        if moves.size == 0:
+            continue
+        own, step = stretch[moves], step[moves]
+        begins = np.flatnonzero(np.append(True, (np.diff(own) != 0) | (np.diff(np.sign(step)) != 0)))
+        way, own = np.abs(np.add.reduceat(step, begins)), own[begins]
+        inside = (np.append(-1, own[:-1]) == own) & (np.append(own[1:], -1) == own)
+        small = np.flatnonzero(inside & (way <= max(case.band, amount.metres)))
+        np.maximum.at(longest, own[small], way[small])
+    return longest
 
 
 def _check_followed(
