@@ -35,7 +35,7 @@ from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
 from ph_post.edit.offset_edits import plan_offsets
-from ph_post.edit.preconditions import require_tool
+from ph_post.edit.preconditions import reckoned_feeds, require_tool, warn_reckoned
 from ph_post.edit.reversal_search import section_words
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.undo import original_of
@@ -103,13 +103,14 @@ def compensate_program(
     check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")
     if request.lead:
         return _best_lead(original, machine, request, progress, path)
-    planner = _EditPlanner(original, machine, dialect, request, progress)
-    before = ProgramMotion(original, original, machine, "original", progress)
+    reckoned = reckoned_feeds(original, machine)
+    planner = _EditPlanner(reckoned, machine, dialect, request, progress)
+    before = ProgramMotion(reckoned, reckoned, machine, "original", progress)
     options = replace(request.edit, cycle=cycle_time(before))
     paths_said = path_mode_warnings(original, machine, dialect)
     paths_said += chord_warnings(original, machine, dialect, options.tolerance)
-    paths_said += doubtful_values(machine, moved_axes(original))
-    return _PlanSearch(planner, before, request, tuple(paths_said), progress).run(options)
+    paths_said += [*doubtful_values(machine, moved_axes(original)), *warn_reckoned(original, reckoned)]
+    return _PlanSearch(original, planner, before, request, tuple(paths_said), progress).run(options)
 
 
 def _verified(
@@ -249,9 +250,10 @@ class _PlanSearch:
 
     Parameters
     ----------
+    original : PartProgram
     planner : _EditPlanner
     before : ProgramMotion
-        Of the original.
+        Of the original, with feeds that are reckoned with where none is known.
     request : ProgramRequest
     warnings : tuple of str
         Said of every plan.
@@ -260,6 +262,7 @@ class _PlanSearch:
 
     def __init__(
         self,
+        original: PartProgram,
         planner: _EditPlanner,
         before: ProgramMotion,
         request: ProgramRequest,
@@ -268,7 +271,7 @@ class _PlanSearch:
     ) -> None:
         self._planner, self._before, self._request = planner, before, request
         self._warnings, self._progress = warnings, progress
-        self._original = before.original
+        self._original = original
         self._count = section_spans(self._original.motions)[0].size
         self._said: tuple[str, ...] = ()
         self._best: CompensatedProgram | None = None
@@ -311,7 +314,9 @@ class _PlanSearch:
         self._progress("verifying")
         after = reread(original, data)
         verdict, refused = _verified(original, after, request, planner.machine)
-        motion = ProgramMotion(after, original, planner.machine, "compensated program", self._progress, self._before)
+        timed = reckoned_feeds(after, planner.machine)
+        plain = self._before
+        motion = ProgramMotion(timed, plain.original, planner.machine, "compensated program", self._progress, plain)
         made = CompensatedProgram(
             before=original,
             after=after,

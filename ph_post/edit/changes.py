@@ -19,8 +19,9 @@ from ph_post.edit.preconditions import why_kept_whole
 from ph_post.edit.word_shifts import MotionOffsets, stop_label
 from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import part_length
+from ph_post.gcode.paths import without_feed
 from ph_post.gcode.program import AXES, RAPID, Modal, PartProgram, Spelling
-from ph_post.types import IntArray
+from ph_post.types import BoolArray, IntArray
 from ph_post.units import MINUTE, MM
 
 _LEAST_PAUSE = 1e-6
@@ -51,6 +52,23 @@ def _goes_on(before: MotionEdit, task: MotionEdit) -> bool:
 
 _CENTRE = re.compile(r"\s*(?:N?\d+\s+)?(?:CC\b|[IJK][-+.\d])")
 """A block that sets the centre of circles."""
+
+
+def _unfed(program: PartProgram) -> BoolArray:
+    """Mask of the motions (m,) beside which new lines carry no F: cuts at an unknown feed, and the rapids beside them.
+
+    No F could set back there what was in force.
+    """
+    motions = program.motions
+    found = without_feed(program)
+    cuts = np.flatnonzero(motions.kind != RAPID)
+    if not found.any():
+        return found
+    behind = np.searchsorted(cuts, np.arange(found.size))
+    beside = np.zeros(found.size, dtype=np.bool_)
+    for near in (cuts[np.maximum(behind - 1, 0)], cuts[np.minimum(behind, cuts.size - 1)]):
+        beside |= found[near] & (motions.chain[near] == motions.chain)
+    return np.asarray(found | ((motions.kind == RAPID) & beside))
 
 
 class Change(msgspec.Struct, kw_only=True):
@@ -94,6 +112,7 @@ class ChangeWriter:
         self._tolerance, self._rounding = tolerance, rounding
         self._fine = fine_decimals(program, decimals)
         self._feeds = block_words.FeedWords(program)
+        self._unfed = _unfed(program)
         self._change: Change | None = None
         self._mode: str | None = None
         self._feed: str | None = None
@@ -398,7 +417,7 @@ class ChangeWriter:
     def _feed_of(self, words: PartWords, part: MotionPart) -> str | None:
         """Digits of the F word of a part."""
         motions, k = self._program.motions, words.motion
-        if part.crossing is not None and part.crossing.feed is not None:
+        if part.crossing is not None and part.crossing.feed is not None and not self._unfed[k]:
             return self._crossing_feed(words, part, part.crossing.feed)
         if words.modal.feed_mode == 93:
             whole = float(motions.duration[k]) * (part.high - part.low)
@@ -407,7 +426,7 @@ class ChangeWriter:
             return self._inverse(MINUTE / (part.duration or whole))
         if part.feed < motions.feed[k]:
             return self._crossing_feed(words, part, part.feed)
-        if part.duration is None:
+        if part.duration is None or self._unfed[k]:
             return self._feeds.after(words.block)
         speed = part_length(motions, k, part.low, part.high) / part.duration
         # An arc whose radii disagree by their last digit is longer than the one that was planned.
@@ -455,6 +474,8 @@ class ChangeWriter:
         base, moved = offset.copy(), np.zeros(3)
         # Where rapids take the feed in force and none is known yet, nothing could set it back behind a jog.
         rapid = stop.rapid or (self._dialect.syntax.rapid_feed and self._feeds.after(words.block) is None)
+        # The first F of a chain without a known feed may stand behind its first rapid.
+        rapid |= stop.approach and bool(self._unfed[words.motion])
         for shift in stop.shifts:
             axis = AXES.index(shift.axis)
             moved[axis] += shift.travel
@@ -462,6 +483,11 @@ class ChangeWriter:
             if rapid:
                 self._mode = "G0"
                 self._add("G0", words.jog(axis, offset, share))
+                self._rest(shift.pause)
+                continue
+            if self._unfed[words.motion]:
+                self._mode = "G1"
+                self._add("G1", words.jog(axis, offset, share))
                 self._rest(shift.pause)
                 continue
             rate = shift.velocity / (abs(shift.travel) if modal.feed_mode == 93 else modal.units) * MINUTE

@@ -9,21 +9,24 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.dialects.base import Dialect
 from ph_post.drive.axes import side_offsets
+from ph_post.drive.cascade import response_time
 from ph_post.edit.block_words import words_by_letter
 from ph_post.edit.extrusion import filament_of
+from ph_post.edit.lagging_crossings import SHORT_LAG
 from ph_post.edit.reversals import chain_spans
 from ph_post.errors import InputError
 from ph_post.gcode.further import further_lines, further_words
 from ph_post.gcode.motion_parts import split_cubic
-from ph_post.gcode.paths import line_words
+from ph_post.gcode.paths import line_words, without_feed
 from ph_post.gcode.program import AXES, CUBIC, NURBS, RAPID, PartProgram
-from ph_post.gcode.working import tool_in_words
+from ph_post.gcode.working import tool_in_words, working_motions
 from ph_post.post.moves import FINEST
-from ph_post.types import ROTARY_AXES, Array, Axis, BoolArray, Machine
-from ph_post.units import MM
+from ph_post.types import ROTARY_AXES, Array, Axis, BoolArray, Machine, sealed
+from ph_post.units import MM, MM_PER_MIN
 
 
 def why_indivisible(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
@@ -130,15 +133,48 @@ def cutting_feed(program: PartProgram, times: Array) -> Array:
     return np.where(motions.duration > 0.0, timed, motions.feed)
 
 
+ASSUMED_FEED: Final = 1000.0 * MM_PER_MIN
+"""Feed [m/s] with which motions are reckoned that have none which is known."""
+
+
+def reckoned_feeds(program: PartProgram, machine: Machine) -> PartProgram:
+    """Return the program with a feed to reckon with where none is known; itself where that would not do.
+
+    New lines carry no F there: they have the feed in force. That will do in chains of one feed mode, for cutters, and
+    where no motor lags: then backlash is crossed over the same length of path at any feed.
+    """
+    motions = program.motions
+    unknown = without_feed(program)
+    lags = any(response_time(axis.servo) >= SHORT_LAG for axis in machine.axes.values())
+    if not unknown.any() or lags or working_motions(program, machine.tool).tool != "cutter":
+        return program
+    low, high = chain_spans(motions)
+    for first, end in zip(low.tolist(), high.tolist(), strict=True):
+        states = np.unique(program.state[motions.block[first:end]])
+        if len({program.modal[state].feed_mode for state in states.tolist()}) > 1:
+            unknown[first:end] = False
+    return replace(program, motions=replace(motions, feed=sealed(np.where(unknown, ASSUMED_FEED, motions.feed))))
+
+
+def warn_reckoned(program: PartProgram, reckoned: PartProgram) -> list[str]:
+    """Return a warning of feeds that are not known, and were reckoned with."""
+    found = program.motions.block[np.isnan(program.motions.feed) & ~np.isnan(reckoned.motions.feed)]
+    if not found.size:
+        return []
+    return [
+        f"the feed in {line_words(int(found[0]), int(found[-1]))} is not known (G95, or no F yet): the time is"
+        f" reckoned with {ASSUMED_FEED / MM_PER_MIN:g} mm/min, and new lines have the feed in force"
+    ]
+
+
 def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
     """Return masks (c,) of the chains that cannot be offset, by reason; chains without a cut need no offset."""
     motions = program.motions
     low, _ = chain_spans(motions)
-    cuts = motions.kind != RAPID
     several = np.append(motions.block[1:] == motions.block[:-1], False)[: motions.block.size]
     found: dict[str, BoolArray] = {
         "a line's feed changes on its way, or it moves more than once": several,
-        "the feed is not known (G95, or no F yet)": cuts & np.isnan(motions.feed) & (motions.duration == 0.0),
+        "the feed is not known (G95, or no F yet)": without_feed(program),
         "contains a NURBS (G5.2)": motions.kind == NURBS,
         "contains a G5 that continues the one before it, without I and J": _continued(program),
     }

@@ -20,10 +20,8 @@ from ph_post.edit.preconditions import (
 from ph_post.edit.reversals import (
     CARRIED,
     CHAIN,
-    FIRST,
     MOTION,
     SHARE,
-    SHARE0,
     SIGN,
     chain_spans,
     find_reversals,
@@ -280,7 +278,7 @@ class ReversalSearch:
                 if why and self.open[name][number]:
                     self.give_up(name, number, why)
                     found = True
-            found |= self._unknown_sides(name, rows) | self._unwritable(name, rows)
+            found |= self._unwritable(name, rows)
         return found
 
     def _unwritable(self, name: str, rows: Array) -> bool:
@@ -293,23 +291,6 @@ class ReversalSearch:
             if turned and self.open[name][section]:
                 why = f"line {block + 1} goes over to G91 from where its position may not be known"
                 self.give_up(name, section, why)
-                found = True
-        return found
-
-    def _unknown_sides(self, name: str, rows: Array) -> bool:
-        """Give up sections in which a cut from an unknown place ends where an axis is to be shifted first."""
-        motions, found = self.program.motions, False
-        if 0.0 not in self.sides[name]:
-            # Half of the backlash to either side is no worse than the plain program, whichever side it is.
-            return False
-        first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)[: len(rows)]
-        for row in rows[first & (rows[:, SIGN] != 0.0)]:
-            begin, section = int(row[FIRST]), int(row[CHAIN])
-            cuts = motions.kind[begin] != RAPID and row[SHARE0] == 1.0
-            if cuts and np.isnan(motions.start[begin, AXES.index(name)]) and self.open[name][section]:
-                self.give_up(
-                    name, section, f"the motion in line {motions.block[begin] + 1} leaves it on an unknown side"
-                )
                 found = True
         return found
 

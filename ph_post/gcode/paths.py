@@ -13,7 +13,7 @@ from ph_post.errors import InputError
 from ph_post.gcode.assembly import assemble
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, PLANE_AXES, RAPID, Motions, PartProgram
 from ph_post.geometry.piecewise import MEETS, PiecewiseCurve
-from ph_post.types import Array, IntArray, Path
+from ph_post.types import Array, BoolArray, IntArray, Path
 from ph_post.units import MM
 
 
@@ -189,9 +189,18 @@ def _goes(motions: Motions, rows: IntArray) -> IntArray:
     return np.asarray(rows[apart | bent])
 
 
+def without_feed(program: PartProgram) -> BoolArray:
+    """Mask of the motions (m,) that cut at a feed that is not known: with G95, or where no F was given yet."""
+    return _without_feed(program.motions, np.arange(program.motions.kind.size))
+
+
+def _without_feed(motions: Motions, rows: IntArray) -> BoolArray:
+    known = (motions.kind[rows] == RAPID) | (motions.duration[rows] > 0.0)
+    return np.asarray(~known & np.isnan(motions.feed[rows]))
+
+
 def _lacks_feed(motions: Motions, rows: IntArray) -> bool:
-    cutting = rows[motions.kind[rows] != RAPID]
-    return bool((np.isnan(motions.feed[cutting]) & ~(motions.duration[cutting] > 0.0)).any())
+    return bool(_without_feed(motions, rows).any())
 
 
 def _columns(motions: Motions, rows: IntArray) -> tuple[int, ...]:

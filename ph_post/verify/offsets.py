@@ -97,7 +97,7 @@ def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
     """Check that every motion of one axis while the path rests has a feed that it can reach within its limits.
 
     With a laser whose power follows the speed (M4) it may have the feed of the cut before or behind it: at a lower one
-    the same power would stay longer on the same place.
+    the same power would stay longer on the same place. Beside a cut at a feed that is not known it has that feed.
     """
     motions, jogs = case.compensated.motions, np.flatnonzero(alone)
     beside = _feeds_with_a_beam(case, alone, machine)[jogs]
@@ -106,6 +106,7 @@ def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
     axis, length = np.argmax(ways, axis=1), np.max(ways, axis=1, initial=0.0)
     with np.errstate(divide="ignore"):
         feed = np.where(timed > 0.0, length / timed, motions.feed[jogs])
+    unfed = np.isnan(feed) & _unfed_beside(motions, alone)[jogs]
     for column in np.unique(axis).tolist():
         name, own = AXES[column], np.flatnonzero(axis == column)
         if name not in machine.axes:
@@ -114,7 +115,8 @@ def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
             continue
         limits = machine.axes[name].limits
         most = np.minimum(limits.velocity, np.fmax(np.sqrt(limits.acceleration * length[own]), beside[own]))
-        for place in np.flatnonzero(~(feed[own] <= most * (1.0 + _ROUNDING))).tolist():
+        right = (feed[own] <= most * (1.0 + _ROUNDING)) | unfed[own]
+        for place in np.flatnonzero(~right).tolist():
             case.findings.add(
                 "limits",
                 f"the jog of {name} is faster than the machine can be on its way",
@@ -122,6 +124,19 @@ def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
                 expected=f"<= {most[place] / MM_PER_MIN:.6g} mm/min",
                 got=f"{feed[own[place]] / MM_PER_MIN:.6g} mm/min",
             )
+
+
+def _unfed_beside(motions: Motions, alone: BoolArray) -> BoolArray:
+    """Mask of the motions (m,) beside a cut at a feed that is not known, in the same chain."""
+    cuts = np.flatnonzero(~alone & (motions.kind != RAPID))
+    found = np.zeros(motions.kind.size, dtype=np.bool_)
+    if not cuts.size:
+        return found
+    behind = np.searchsorted(cuts, np.arange(motions.kind.size))
+    for near in (cuts[np.maximum(behind - 1, 0)], cuts[np.minimum(behind, cuts.size - 1)]):
+        unknown = np.isnan(motions.feed[near]) & ~(motions.duration[near] > 0.0)
+        found |= unknown & (motions.chain[near] == motions.chain)
+    return found
 
 
 def _feeds_with_a_beam(case: VerifyCase, alone: BoolArray, machine: Machine) -> Array:

@@ -1,11 +1,13 @@
 """Programs with lines that are passed through: compensated around them, and every byte of them as it was."""
 
 import pytest
+from msgspec.structs import replace
 from support.corpus import compensated, stepper
 
 from ph_post.dialects.registry import find_dialect
 from ph_post.edit.undo import undo
 from ph_post.gcode.read import read_program
+from ph_post.types import Servo
 from ph_post.verify.verify import verify
 
 CIRCLE = "G1 Z-1\nG3 X20 Y0 I-20\nG0 Z5\n"
@@ -88,6 +90,22 @@ def test_a_program_with_checksums_is_left_alone():
     assert compensated(read_program(before, "a.ngc"), MACHINE, LINUXCNC) == before
 
 
-def test_where_no_feed_was_given_what_has_to_be_timed_is_left_alone():
+@pytest.mark.parametrize("mode", ["G94", "S1000 M3 G95 F0.2"])
+def test_where_the_feed_is_not_known_new_lines_have_the_one_in_force(mode):
+    before = f"{CUTS.replace('G94 F600', mode)}M2\n".encode()
+    after = compensated(read_program(before, "a.ngc"), MACHINE, LINUXCNC)
+    assert after.count(b"crossing") > 1
+    own = [line for line in after.splitlines() if not line.startswith(b"(")]
+    assert sum(b"F" in line for line in own) == before.count(b"F0.2")
+    hold(before, after)
+
+
+def test_motors_that_lag_are_left_alone_where_the_feed_is_not_known():
     before = (CUTS.replace("F600", "") + "M2\n").encode()
+    axes = {name: replace(axis, servo=Servo(b=1e-5, c=0.01)) for name, axis in MACHINE.axes.items()}
+    assert compensated(read_program(before, "a.ngc"), replace(MACHINE, axes=axes), LINUXCNC) == before
+
+
+def test_a_feed_mode_that_changes_between_a_rapid_and_its_cut_leaves_an_unknown_feed_alone():
+    before = (CUTS.replace("G1 Z-1", "G95 F0.2\nG1 Z-1") + "M2\n").encode()
     assert compensated(read_program(before, "a.ngc"), MACHINE, LINUXCNC) == before
