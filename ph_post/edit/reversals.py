@@ -150,9 +150,9 @@ def _write_reversal(view: Any, feed: Any, exact: Any, span: Any, known: bool, si
     row[FIRST], row[SHARE0], row[LAST], row[SHARE1] = k0, share0, k1, share1
     leaves = k1 + 1 if share1 == 1.0 else k1
     cuts = False
-    for k in range(k0 + 1, leaves):
+    for k in range(k0 + (share0 == 1.0), leaves):
         cuts = cuts or view[0][k] != RAPID
-    if leaves < high and view[0][leaves] == RAPID and (known or share0 != 1.0 or not cuts):
+    if leaves < high and view[0][leaves] == RAPID and (known or 0.0 < share0 < 1.0 or not cuts):
         row[MOTION], row[SHARE], row[CARRIED] = leaves, 1.0, 1.0
         return
     row[MOTION], row[SHARE] = k0, share0
