@@ -24,6 +24,7 @@ from ph_post.edit.crossing_shapes import (
     shortest_time,
 )
 from ph_post.edit.edits import CrossingEdit
+from ph_post.edit.extrusion import filament_of
 from ph_post.edit.lagging_crossings import SHORT_LAG
 from ph_post.edit.positions import shiftable
 from ph_post.edit.preconditions import why_kept_whole
@@ -295,6 +296,9 @@ def _regions(program: PartProgram, halts: BoolArray) -> IntArray:
     # S and T of a line are executed before its motion.
     for rows in (m_words, dwells):
         stop[np.searchsorted(motions.block, words.block[rows], side="right")] = True
+    # Filament alone is pushed or drawn back while the axes rest.
+    alone = np.setdiff1d(np.array(list(filament_of(program)), dtype=np.int64), motions.block)
+    stop[np.searchsorted(motions.block, alone.astype(motions.block.dtype))] = True
     known = np.isfinite(motions.start).any(axis=1) & (motions.kind != RAPID) & (motions.kind != NURBS)
     known &= ~(np.isnan(motions.start) & ~np.isnan(motions.end)).any(axis=1)
     stop[1:count] |= known[1:] != known[:-1]
