@@ -81,6 +81,7 @@ def read_line(text: str) -> ProgramLine:
     """Read a line of RS274/NGC as LinuxCNC has it."""
     comments = tuple(found[1] for found in _PARTS.finditer(text) if found[1] is not None)
     bare = re.sub(r"\s+", "", _PARTS.sub("", text)).lower()
+    bare = bare.lstrip(")") and bare  # what closes a comment in which another one stood
     if bare.startswith("%"):
         return ProgramLine(text=text, percent=True, comments=comments)
     optional = bare.startswith("/")

@@ -188,6 +188,7 @@ _PROGRAM: Final = re.compile(r"[o:](\d+)")
 def read_macro_line(text: str) -> MacroLine:
     """Read a line of a Fanuc program."""
     bare = re.sub(r"\s+", "", COMMENT.sub("", text)).lower()
+    bare = bare.lstrip(")") and bare  # what closes a comment in which another one stood
     optional, bare = bare.startswith("/"), bare.lstrip("/")
     program = _PROGRAM.match(bare)
     if program:

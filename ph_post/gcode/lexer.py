@@ -379,5 +379,5 @@ def lex(data: Any, lines: Any, out: Any, traits: Any, whys: Any, spots: Any) -> 
         traits[block] = trait
         if why:
             whys[block], spots[block] = why, where + 1
-        opened = opened or at < end
+        opened = opened or (at < end and why != QUIET + CLOSED_COMMENT)
     return row, lines.size - 1

@@ -76,6 +76,10 @@ _LANGUAGE: Final = TncLanguage(
 )
 
 
+_MOVES: Final = re.compile(r"L\s+I?[XYZ]")
+"""A move: text with one is conversational, if perhaps a part of a program that says elsewhere whether it is in mm."""
+
+
 def read_klartext(data: bytes, name: str) -> PartProgram:
     """Read a conversational program.
 
@@ -85,9 +89,18 @@ def read_klartext(data: bytes, name: str) -> PartProgram:
         Where the text is no such program.
     """
     source = TncSource(data, name, _LANGUAGE)
-    _, head = source.head()
-    follower = _KlartextFollower(Tnc("G21" if head[2] == "MM" else "G20"))
-    for text in source.texts:
+    if any(_MOVES.match(text) for text in source.texts) and not any(map(_LANGUAGE.head.match, source.texts)):
+        begin, units = len(source.texts), "MM"
+    else:
+        begin, head = source.head()
+        units = head[2]
+    follower = _KlartextFollower(Tnc("G21" if units == "MM" else "G20"))
+    for text in source.texts[:begin]:
+        if text:
+            follower.tnc.lose("outside BEGIN PGM and END PGM", "")
+        else:
+            follower.tnc.add("")
+    for text in source.texts[begin:]:
         follower.line(text)
     return source.program(follower.tnc)
 

@@ -428,21 +428,22 @@ class TncSource:
         self.texts = [language.plain(line.decode("utf-8", "replace").upper()) for line in whole]
 
     def head(self) -> tuple[int, re.Match[str]]:
-        """Return the number of the first line that is not empty, and its match as a head.
+        """Return the number of the line with which the program begins, and its match as a head.
 
         Raises
         ------
         InputError
-            If it does not match, or all lines are empty.
+            If no line matches.
         """
         what, expected = self._language.refusal, self._language.expected_head
+        for number, text in enumerate(self.texts):
+            head = self._language.head.match(text)
+            if head is not None:
+                return number, head
         first = next((number for number, text in enumerate(self.texts) if text), None)
         if first is None:
             raise InputError(self._name, what, expected=expected, got="comments alone")
-        head = self._language.head.match(self.texts[first])
-        if head is None:
-            raise self._refused(first, what, expected, self.texts[first][:40])
-        return first, head
+        raise self._refused(first, what, expected, self.texts[first][:40])
 
     def program(self, tnc: Tnc) -> PartProgram:
         """Read the translation by `tnc`, which has followed all lines; pass repeats and jumps through."""
