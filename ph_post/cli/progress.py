@@ -33,7 +33,7 @@ class ProgressPrinter:
         self._begin = time.monotonic()
         self._patience = patience
         self._current = ""
-        self._told = ""
+        self._shown = ""
         self._done = threading.Event()
         self._teller = threading.Thread(target=self._tell_now_and_then, daemon=True)
 
@@ -56,8 +56,8 @@ class ProgressPrinter:
         while not self._done.wait(self._patience):
             current = self._current
             seconds = time.monotonic() - self._begin
-            if current and (current != self._told or seconds >= again):
-                self._told = current
+            if current and (current != self._shown or seconds >= again):
+                self._shown = current
                 again = seconds + REMINDER * self._patience
                 self._stream.write(f"ph-post: {current} ({seconds:.0f} s) ...\n")
                 self._stream.flush()
@@ -83,7 +83,7 @@ class FilterProgress:
     def __init__(self, stream: TextIO | None) -> None:
         self._stream = stream
         self._percent = 0.0
-        self._told = 0
+        self._shown = 0
 
     def __call__(self, stage: str) -> None:
         """Enter the next stage."""
@@ -93,9 +93,9 @@ class FilterProgress:
             place += _SEARCH * (int(count[1]) - 1) / int(count[2])
         onward = self._percent + _STEP * max(0.0, _LAST - self._percent)
         self._percent = place if place > self._percent else onward
-        if self._stream is not None and int(self._percent) > self._told:
-            self._told = int(self._percent)
-            self._stream.write(f"FILTER_PROGRESS={self._told}\n")
+        if self._stream is not None and int(self._percent) > self._shown:
+            self._shown = int(self._percent)
+            self._stream.write(f"FILTER_PROGRESS={self._shown}\n")
             self._stream.flush()
 
 

@@ -61,7 +61,7 @@ _SAMPLES: Final = 32
 """Places a cubic piece that are looked at to begin with."""
 
 _STEPS: Final = 12
-"""Newton's method: what has not converged by then is no foot."""
+"""Newton's method: what has not converged by then is no closest point."""
 
 _INSIDE: Final = np.linspace(0.0, 1.0, 9)[1:-1]
 """Places between two points at which the curve is held against the chord."""
@@ -82,11 +82,11 @@ def find_traces(points: Array, tracks: Sequence[Track], tolerance: float) -> lis
     tolerance : float
         Largest distance of a chord from its part of the curve [m].
     """
-    feet = [_feet(points, track) for track in tracks]
+    near = [_places_of(points, track) for track in tracks]
     found, begin = [], 0
     while begin < len(points) - FEWEST:
         best = max(
-            (_longest(points, track, feet[k], begin, k, tolerance) for k, track in enumerate(tracks)),
+            (_longest(points, track, near[k], begin, k, tolerance) for k, track in enumerate(tracks)),
             key=lambda trace: trace.last,
             default=None,
         )
@@ -105,14 +105,14 @@ def place_on(track: Track, at: Array) -> Array:
     return places
 
 
-def _longest(points: Array, track: Track, feet: list[Array], begin: int, curve: int, tolerance: float) -> CurveTrace:
+def _longest(points: Array, track: Track, near: list[Array], begin: int, curve: int, tolerance: float) -> CurveTrace:
     """Return the longest trace from one point on, either way along the curve; maybe of no move at all."""
     best = CurveTrace(curve=curve, first=begin, last=begin, at=np.empty(0))
-    for start in feet[begin]:
+    for start in near[begin]:
         for way in (1, -1):
             at = [float(start)]
             while begin + len(at) < len(points):
-                after = _next(points, track, feet, begin + len(at) - 1, at[-1], way, tolerance)
+                after = _next(points, track, near, begin + len(at) - 1, at[-1], way, tolerance)
                 if after is None:
                     break
                 at.append(after)
@@ -122,14 +122,14 @@ def _longest(points: Array, track: Track, feet: list[Array], begin: int, curve: 
 
 
 def _next(
-    points: Array, track: Track, feet: list[Array], index: int, at: float, way: int, tolerance: float
+    points: Array, track: Track, near: list[Array], index: int, at: float, way: int, tolerance: float
 ) -> float | None:
     """Return the place of the next point, None where the curve does not go there."""
-    ahead = sorted((way * (float(foot) - at), float(foot)) for foot in feet[index + 1])
-    for distance, foot in [one for one in ahead if one[0] > 0.0][:_TRIES]:
+    ahead = sorted((way * (float(place) - at), float(place)) for place in near[index + 1])
+    for distance, place in [one for one in ahead if one[0] > 0.0][:_TRIES]:
         between = place_on(track, at + way * distance * _INSIDE)
         if _along(points[index], points[index + 1], between, tolerance):
-            return foot
+            return place
     return None
 
 
@@ -144,18 +144,18 @@ def _along(start: Array, end: Array, between: Array, tolerance: float) -> bool:
     return bool(rising.all() and np.abs(across).max() <= tolerance)
 
 
-def _feet(points: Array, track: Track) -> list[Array]:
+def _places_of(points: Array, track: Track) -> list[Array]:
     """Places of a track at which each point lies on it, in ascending order; mostly none, one or two."""
     count = len(track.pieces)
     at = np.arange(count * _SAMPLES + 1) / _SAMPLES
     samples = place_on(track, at)
     reach = float(np.linalg.norm(np.diff(samples, axis=0), axis=1).max()) + ON_CURVE
     point, sample = _near(points, samples, reach)
-    foot = _refined(points[point], track, np.clip(at[sample], 0.0, count))
-    apart = np.linalg.norm(place_on(track, foot) - points[point], axis=1)
-    point, foot = point[apart <= ON_CURVE], foot[apart <= ON_CURVE]
-    # one foot is reached from several samples, but for the last digits
-    return [np.unique(np.round(foot[point == index], 9)) for index in range(len(points))]
+    place = _refined(points[point], track, np.clip(at[sample], 0.0, count))
+    apart = np.linalg.norm(place_on(track, place) - points[point], axis=1)
+    point, place = point[apart <= ON_CURVE], place[apart <= ON_CURVE]
+    # One place is reached from several samples, but for the last digits
+    return [np.unique(np.round(place[point == index], 9)) for index in range(len(points))]
 
 
 def _near(points: Array, samples: Array, reach: float) -> tuple[IntArray, IntArray]:
@@ -170,7 +170,7 @@ def _near(points: Array, samples: Array, reach: float) -> tuple[IntArray, IntArr
 
 
 def _refined(points: Array, track: Track, at: Array) -> Array:
-    """Newton's method for the foot of each point, kept on the piece where it began."""
+    """Newton's method for the place of each point, kept on the piece where it began."""
     piece = np.clip(np.floor(at), 0, len(track.pieces) - 1)
     u = at - piece
     for _ in range(_STEPS):

@@ -126,8 +126,8 @@ def draw_identification(found: LogIdentification) -> Figure:
 def _words(found: Identification) -> Iterator[str]:
     """Name what was identified, a line an axis."""
     for axis, parameters in found.axes.items():
-        told = (f"{name} {measured_words(one.value, one.stderr, one.unit)}" for name, one in parameters.items())
-        yield f"{axis}: {', '.join(told)}"
+        words = (f"{name} {measured_words(one.value, one.stderr, one.unit)}" for name, one in parameters.items())
+        yield f"{axis}: {', '.join(words)}"
 
 
 def _draw_remainder(axes: Axes, trail: ResidualTrace, noise: float) -> None:

@@ -130,10 +130,10 @@ def _listed(picture: Picture) -> tuple[Picture, list[str]]:
 
 
 def _rows(picture: Picture, trace: DrawnMotion) -> IntArray:
-    """Choose the rows that are drawn: those with the error that the table tells are always among them."""
-    told = np.array([one.extreme for one in trace.turning if one is not None])
+    """Choose the rows that are drawn: those with the error that the table lists are always among them."""
+    listed = np.array([one.extreme for one in trace.turning if one is not None])
     largest = [] if trace.size is None else [np.flatnonzero(trace.counted & (np.abs(trace.error) == trace.size.max))]
-    always = np.flatnonzero(np.isin(trace.error, told) & trace.counted)
+    always = np.flatnonzero(np.isin(trace.error, listed) & trace.counted)
     every = np.concatenate([always[: 2 * ROWS], *largest])
     return rows_to_draw(trace.error, trace.feed, picture.inside(trace.s), every, ROWS)
 

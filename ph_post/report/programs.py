@@ -108,12 +108,12 @@ def crossed_view(result: CrossedPath, strategy: str, outcome: ResultSummary, war
 
 
 def _edits_view(found: CompensatedProgram) -> dict[str, Any]:
-    edits, told = found.edits, found.declaration
+    edits, declared = found.edits, found.declaration
     return {
         "carrier": "program",
-        "crossings": 0 if told is None else told.crossings,
-        "stops": 0 if told is None else told.stops,
-        "dips": 0 if told is None else told.dips,
+        "crossings": 0 if declared is None else declared.crossings,
+        "stops": 0 if declared is None else declared.stops,
+        "dips": 0 if declared is None else declared.dips,
         "offsets": {} if edits is None else {axis: size / MM for axis, size in edits.amplitude.items()},
         "pulses": {} if edits is None else {axis: size / MM for axis, size in edits.pulse.items()},
         "lead": [override_view(one) for one in found.overrides],

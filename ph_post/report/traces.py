@@ -45,7 +45,7 @@ class DrawnMotion(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `s` (n,) is the place along the path that is commanded, `foot` (n, dimension) the point of the path next
     to the table, `away` (n, dimension) from there to the table, `error` (n,) its length, in a plane positive
-    to the left. `counted` (n,) tells the rows whose error counts; `line` (n,) those of the program, None of a
+    to the left. `counted` (n,) marks the rows whose error counts; `line` (n,) those of the program, None of a
     path. `turning` has one entry a turning point.
     """
 
@@ -71,7 +71,7 @@ class DrawnMotion(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Mark(msgspec.Struct, frozen=True, kw_only=True):
-    """A turning point: its place along the path [m], the window there [m], and what is told of it.
+    """A turning point: its place along the path [m], the window there [m], and its entry on the page.
 
     `view` is its entry in ``inspect --json`` with `strategy`, and of a program `line`; `point` [m].
     """
@@ -195,14 +195,14 @@ def _path_marks(analysis: Analysis, plan: Plan, nominal: Nominal) -> tuple[Mark,
     for view, point, place in zip(views, analysis.turning_points, places.tolist(), strict=True):
         window, number = windows.get(point.index), window_number(plan, point)
         profile = None if number is None else plan.profiles[number]
-        told = {
+        entry = {
             **view,
             "strategy": strategy_at(plan, point),
             "ratio": None if profile is None else profile.ratio,
             "notes": () if profile is None else profile.notes,
         }
         span = None if window is None else (window.s - window.half_length, window.s + window.half_length)
-        marks.append(Mark(s=point.s, window=span, view=told, point=tuple(place)))
+        marks.append(Mark(s=point.s, window=span, view=entry, point=tuple(place)))
     return tuple(marks)
 
 
@@ -284,17 +284,17 @@ def _places_of(turn: ProgramReversal, path: CutPath) -> tuple[float, float, floa
 def _program_mark(
     turn: ProgramReversal, view: View, places: tuple[float, float, float], point: tuple[float, ...], done: bool
 ) -> Mark:
-    """Tell of a turning point; of a program compensated before nobody knows what was done where."""
+    """Describe a reversal; of a program compensated before nobody knows what was done where."""
     s, low, high = places
     profile = view["profile"]
-    told = {
+    entry = {
         **view,
         "s": s / MM,
         "ratio": None if profile is None else profile["ratio"],
         "notes": _left_slight(turn) if profile is None else profile["notes"],
         **({"strategy": "compensated before"} if done else {}),
     }
-    return Mark(s=s, window=None if turn.window is None else (low, high), view=told, point=point)
+    return Mark(s=s, window=None if turn.window is None else (low, high), view=entry, point=point)
 
 
 def _left_slight(turn: ProgramReversal) -> tuple[str, ...]:

@@ -244,11 +244,11 @@ def plan_view(analysis: Analysis, plan: Plan, command: Command) -> View:
     `command`.
     """
     views = turning_point_views(analysis)
-    told: list[Crossing | Jog] = []
+    listed: list[Crossing | Jog] = []
     for view, point in zip(views, plan.turning_points, strict=True):
         number = window_number(plan, point)
         mine = crossings_at(plan, point)
-        told += mine
+        listed += mine
         view["strategy"] = strategy_at(plan, point)
         view["profile"] = profile_view(None if number is None else plan.profiles[number])
         view["crossings"] = [crossing_view(one) for one in mine]
@@ -257,7 +257,7 @@ def plan_view(analysis: Analysis, plan: Plan, command: Command) -> View:
         "cycle_time": {"before": cycle_time(plan.nominal), "after": plan_time(plan)},
         "standstill": standstill_view(plan, analysis.track),
         "strategy": plan.strategy,
-        "other_crossings": [crossing_view(one) for one in plan.crossings if one not in told],
+        "other_crossings": [crossing_view(one) for one in plan.crossings if one not in listed],
         "bias": {name: offset / MM for name, offset in plan.bias.items()},
         "offsets": offsets_view(command),
         "inverse_dynamics": plan.inverse_dynamics,
