@@ -6,9 +6,13 @@ import math
 import random
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ph_post.gcode.program import ARC, CUBIC, PLANE_AXES, PartProgram
 from ph_post.types import Array, IntArray
+
+LONG = 4.0
+"""Chords so many times as long as most are few, and each is looked at from everywhere."""
 
 
 class _Writer:
@@ -195,11 +199,22 @@ def played(motor: Array, gap: Array, flank: Array) -> Array:
 
 
 def distances(points: Array, path: Array) -> Array:
-    """Distance of points (n, 3) from a polyline (m, 3)."""
+    """Distance of points (n, 3) from a polyline (m, 3), exactly: of its short chords only those count that are near."""
     start, way = path[:-1], np.diff(path, axis=0)
-    size = np.maximum((way * way).sum(axis=1), 1e-30)
-    out = np.empty(len(points))
-    for row, point in enumerate(points):
-        share = np.clip(((point - start) * way).sum(axis=1) / size, 0.0, 1.0)
-        out[row] = np.sqrt((((start + share[:, np.newaxis] * way) - point) ** 2).sum(axis=1).min())
-    return out
+    half = 0.5 * np.linalg.norm(way, axis=1)
+    long = half > LONG * np.median(half)
+    found = cKDTree(path).query(points)[0]
+    for chord in np.flatnonzero(long):
+        found = np.minimum(found, _apart(points, start[chord], way[chord]))
+    short = np.flatnonzero(~long)
+    near = cKDTree((start + 0.5 * way)[short]).query_ball_point(points, found + half[short].max())
+    row = np.repeat(np.arange(len(points)), [len(one) for one in near])
+    chord = short[np.concatenate([*near]).astype(np.int64)]
+    np.minimum.at(found, row, _apart(points[row], start[chord], way[chord]))
+    return np.asarray(found)
+
+
+def _apart(points: Array, start: Array, way: Array) -> Array:
+    """Distance of points from a chord each, or all from one."""
+    share = np.clip(((points - start) * way).sum(axis=-1) / np.maximum((way * way).sum(axis=-1), 1e-30), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(start + share[..., np.newaxis] * way - points, axis=-1))

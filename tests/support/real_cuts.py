@@ -16,10 +16,10 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
-from scipy.spatial import cKDTree
 
 from ph_post.drive.machinefile import read_machine
 from ph_post.types import Machine
+from support.ideal_play import distances
 
 Floats = NDArray[np.float64]
 
@@ -165,18 +165,6 @@ def _path(cut: Cut) -> Floats:
     return np.concatenate(found)
 
 
-def _distances(points: Floats, path: Floats) -> Floats:
-    """Distance of points from a path [mm]."""
-    near = cKDTree(path).query(points)[1]
-    found = np.linalg.norm(points - path[near], axis=1)
-    for first in (np.maximum(near - 1, 0), np.minimum(near, len(path) - 2)):
-        begin, way = path[first], path[first + 1] - path[first]
-        square = (way * way).sum(axis=1)
-        share = np.clip(((points - begin) * way).sum(axis=1) / np.maximum(square, 1e-18), 0.0, 1.0)
-        found = np.minimum(found, np.linalg.norm(points - begin - share[:, None] * way, axis=1))
-    return np.asarray(found)
-
-
 def bench(lost: float, push: float, lag: float) -> Machine:
     """The shipped stepper on LinuxCNC with lost motion [mm], acceleration [mm/s²] and a lag of its motors [s]."""
     found = read_machine("stepper")
@@ -228,7 +216,7 @@ def measure(rows: Floats, cuts: Sequence[Cut], lost: float, lag: float = 0.0) ->
         path, worst = _path(cut), (0.0, 0.0)
         for one, other in itertools.product((-1.0, 1.0), repeat=2):
             points = np.stack([tables[0][one][first:last], tables[1][other][first:last]], axis=1)
-            away = 1e3 * _distances(points, path)
+            away = 1e3 * distances(points, path)
             worst = max(worst[0], float(away.max())), max(worst[1], float(np.sqrt((away**2).mean())))
         found.append(Measured(*worst, float((last - first) * PERIOD)))
     return found
