@@ -88,8 +88,7 @@ def assess(
     tried = tuple(tried) or scenarios(machine, command.axes, resting_axes(command))
     first = first_counted(command, machine)
     errors = contour_errors(command, machine, nominal, tried)
-    decides = _largest(errors, [k for k, one in enumerate(tried) if is_nominal(one)] or range(1))
-    worst = _largest(errors, range(len(tried)))
+    decides, worst = decisive(errors, tried)
     run, nearest = _measured(command, machine, nominal, tried[decides])
     without = _measured(command, machine, nominal, replace(tried[decides], gap=0.0))
     added = _added(nominal, (run, nearest), without)[first:]
@@ -299,6 +298,12 @@ def _looks(axis: Axis, scenario: Scenario, rests: bool) -> object:
 def is_nominal(scenario: Scenario) -> bool:
     """Return whether a scenario has the values of the machine file."""
     return scenario.gap == scenario.beta == scenario.gain == scenario.friction == 1.0
+
+
+def decisive(errors: Sequence[ContourError | None], tried: Sequence[Scenario]) -> tuple[int, int]:
+    """Return the indices of the scenarios with the largest error: of those at the file's values, and of all."""
+    nominal = [k for k, one in enumerate(tried) if is_nominal(one)] or range(1)
+    return _largest(errors, nominal), _largest(errors, range(len(tried)))
 
 
 def _largest(errors: Sequence[ContourError | None], among: Iterable[int]) -> int:

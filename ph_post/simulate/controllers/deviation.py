@@ -35,7 +35,7 @@ from ph_post.geometry.closest import (
     pieces_at,
     points_at,
 )
-from ph_post.simulate.assess import AlikeRows, is_nominal, resting_axes, run_scenarios, scenarios
+from ph_post.simulate.assess import AlikeRows, decisive, resting_axes, run_scenarios, scenarios
 from ph_post.simulate.contour import ContourError, contour_error, settling_time
 from ph_post.simulate.controllers.counterparts import Counterparts, approaches, counterparts
 from ph_post.simulate.controllers.exact_path import steps_of
@@ -352,9 +352,7 @@ def cut_error(cut: FollowedCut, tried: Sequence[Scenario] = ()) -> ProgramError:
     """Measure as :func:`program_error`, along a path that was followed already; `tried` are other scenarios."""
     tried = tuple(tried) or cut.scenarios()
     errors = run_scenarios(cut.error, tried)
-    sizes = [-1.0 if error is None else error.max for error in errors]
-    nominal = [k for k, one in enumerate(tried) if is_nominal(one)] or [0]
-    decides, worst = max(nominal, key=lambda k: sizes[k]), int(np.argmax(sizes))
+    decides, worst = decisive(errors, tried)
     run, distance = cut.simulate(tried[decides])
     return ProgramError(
         scenarios=tried,
