@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 
 import pytest
-from support.front_door import run
+from support.front_door import once, run
 from support.shop import HUMP
 
 from ph_post.compensate.strategies.none import PlainFeed
@@ -70,7 +70,8 @@ def test_the_papers_circle(capsys):
 
 
 @pytest.mark.slow
-def test_a_refusal_is_listed_with_its_reason(capsys, hump):
+def test_a_refusal_is_listed_with_its_reason(capsys, monkeypatch, hump):
+    once(monkeypatch, "compare")
     rows = {row["name"]: row for row in compared(capsys, hump, "-m", "mill")}
     refused = rows["retrograde"]
     assert not refused["ok"]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from msgspec.structs import replace
+from support.front_door import once
 
 import ph_post as ph
 from ph_post.api.outcomes import left_words, passed_through
@@ -216,7 +217,10 @@ def test_simulate_judges_the_plain_program_by_itself(capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.slow
-def test_simulate_and_compare_tell_of_a_strategy_beside_the_plain_program(capsys: pytest.CaptureFixture[str]) -> None:
+def test_simulate_and_compare_tell_of_a_strategy_beside_the_plain_program(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    once(monkeypatch, "compare")
     words = ("circle", "-m", "stepper", "--effort", "0.01")
     _, out = ended(capsys, "simulate", *words, "--strategy", "auto")
     last = out.splitlines()[-1]

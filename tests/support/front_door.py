@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+import ph_post
 from ph_post.cli.main import main
 from tests.support.streams import without_progress
 
@@ -21,6 +22,19 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
 def answered(monkeypatch: pytest.MonkeyPatch, *lines: str) -> None:
     """Have lines stand on standard input, as answers of a person."""
     monkeypatch.setattr(sys, "stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
+
+
+def once(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Have a function of ``ph_post`` work once for calls that are alike: what is new is how a command shows it."""
+    work, known = getattr(ph_post, name), {}
+
+    def remembered(*given: Any, progress: object = None, **asked: Any) -> Any:
+        key = (given, tuple(sorted(asked.items())))
+        if key not in known:
+            known[key] = work(*given, progress=progress, **asked)
+        return known[key]
+
+    monkeypatch.setattr(ph_post, name, remembered)
 
 
 def printed(capsys: Any, *arguments: object, status: int = 0) -> Any:
