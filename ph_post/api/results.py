@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Sequence
 from functools import cached_property
@@ -265,7 +266,7 @@ class ProgramMotion(MotionResult):
     @cached_property
     def time(self) -> float:
         """Duration of the motion, from rest to rest [s]."""
-        planned = self._take_plan()
+        planned = self._take_plan(LONGEST_SIMULATED)
         found = planned.time
         if found is None or found <= LONGEST_SIMULATED:
             self._planned = planned
@@ -276,12 +277,15 @@ class ProgramMotion(MotionResult):
         """Command of the controller in every servo period."""
         return self._take_plan().command(meet_turns=True)
 
-    def _take_plan(self) -> PlannedRun:
-        """Return the plan, which is kept only until there are rows: it is as large as the program."""
+    def _take_plan(self, longest: float = math.inf) -> PlannedRun:
+        """Return the plan, which is kept only until there are rows: it is as large as the program.
+
+        No more of it than its time takes where the motion takes longer [s]: nobody asks for its rows.
+        """
         planned, self._planned = self._planned, None
         if planned is None:
             self._progress(f"running the {self._name} on a model of the controller")
-            planned = PlannedRun(self.program, self.machine)
+            planned = PlannedRun(self.program, self.machine, longest=longest)
         return planned
 
     @cached_property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 import msgspec
@@ -266,7 +266,10 @@ def _shifted(
     own = slice(*np.searchsorted(changes.motion[:, 0], (path.motion[0], path.motion[-1] + 1)).tolist())
     begin_at, end_at = (path.to_path(changes.motion[own, k], changes.share[own, k]) for k in (0, 1))
     column = changes.column[own]
-    left_off = {name: _left_off(motions, path, AXES.index(name)) for name in changes.axes}
+    left_off: dict[str, dict[int, int]] = {}
+    for name in changes.axes:
+        rests = {place[1] - back for place in places if place[0] == name for back in (0, 1)}
+        left_off[name] = _left_off(motions, path, AXES.index(name), rests)
     found = []
     for point, (name, motion, share), near in zip(points, places, reach, strict=True):
         if name not in changes.axes:
@@ -288,8 +291,10 @@ def _shifted(
     return found
 
 
-def _left_off(motions: Motions, path: ProgramPath, column: int) -> dict[int, int]:
-    """Tell of the motions of a path which was the last up to there that moved an axis; maybe itself."""
-    moves = np.abs(motions.end[path.motion, column] - motions.start[path.motion, column]) > STILL
-    last = np.maximum.accumulate(np.where(moves, np.arange(moves.size), 0))
-    return dict(zip(path.motion.tolist(), path.motion[last].tolist(), strict=True))
+def _left_off(motions: Motions, path: ProgramPath, column: int, asked: Collection[int]) -> dict[int, int]:
+    """Tell of some motions, those of a path, which was the last up to there that moved an axis; maybe itself."""
+    moves = np.flatnonzero(np.abs(motions.end[path.motion, column] - motions.start[path.motion, column]) > STILL)
+    own = np.intersect1d(path.motion, np.array([*asked], dtype=path.motion.dtype))
+    last = np.searchsorted(moves, np.searchsorted(path.motion, own), side="right") - 1
+    found = path.motion[np.where(last >= 0, moves[last], 0)] if moves.size else np.full(own.size, path.motion[0])
+    return dict(zip(own.tolist(), found.tolist(), strict=True))

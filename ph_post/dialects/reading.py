@@ -26,7 +26,7 @@ from ph_post.files.storage import STDIO, reading_errors
 from ph_post.gcode.program import RS274, Language, Motions, Note, PartProgram, PlaceArray, WordTable
 from ph_post.gcode.read import read_program, shortened
 from ph_post.gcode.words import excerpt
-from ph_post.types import Machine, sealed, take
+from ph_post.types import Machine
 
 XYZ_ONLY: Final = Language(further="")
 """RS274/NGC of which moves of further axes are passed through."""
@@ -138,9 +138,8 @@ def _placed(found: PartProgram, data: bytes, lines: PlaceArray, texts: Sequence[
     same = np.array([in_place and len(text) == len(text_of(data, lines, number)) for number, text in enumerate(texts)])
     kept = np.flatnonzero(same[words.block]) if words.block.size else np.zeros(0, np.int64)
     shift = (lines[:-1] - found.lines[:-1])[words.block[kept]]
-    own = take(words, kept)
-    own = replace(own, start=own.start + shift, end=own.end + shift)
-    return WordTable(**{column: sealed(getattr(own, column)) for column in WordTable.__struct_fields__})
+    own = words.take(kept)
+    return replace(own, start=own.start + shift, end=own.end + shift).sealed()
 
 
 def _notes(

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.gcode.program import WordTable
+from ph_post.gcode.program import WordTable, long_numbers
 from ph_post.types import sealed
 
 OTHER: Final = "O"
@@ -38,8 +38,8 @@ class WordRows:
             start=sealed(start.astype(np.int32)),
             end=sealed(end.astype(np.int32)),
             value=sealed(value),
-            digits=sealed(digits),
             decimals=sealed(decimals.astype(np.int16)),
+            long={word: int(digits[word]) for word in long_numbers(value, decimals).tolist()},
         )
 
 

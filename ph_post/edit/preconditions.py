@@ -230,7 +230,7 @@ def why_not_editable(program: PartProgram) -> list[str]:
     words, moving = program.words, program.motions.block
     if moving.size and moving[0] == 0 and program.data.startswith(codecs.BOM_UTF8):
         troubles.append("its first line moves, behind a byte order mark, so that there is no room for a head")
-    turned = (words.letter == ord("G")) & (words.digits == 10) & (words.decimals == 0)
+    turned = (words.letter == ord("G")) & (words.value == 10.0) & (words.decimals == 0)
     for block in words.block[turned].tolist():
         own = {chr(words.letter[word]): float(words.value[word]) for word in program.words_of(block)}
         # With other L words G10 sets tools (R is a radius then) and parameters; a computed L may be any.

@@ -31,7 +31,7 @@ from ph_post.gcode.numbers import PARENTHESES, Comments
 from ph_post.gcode.program import ByteArray, Language, PartProgram, PlaceArray, WordTable
 from ph_post.gcode.read import reread
 from ph_post.gcode.words import read_words
-from ph_post.types import BoolArray, IntArray, sealed, take
+from ph_post.types import BoolArray, IntArray, sealed
 
 _LINES: Final = 50_000
 """So many lines are restored at a time."""
@@ -164,7 +164,7 @@ class _Restorer:
         assert self._words is not None
         words = self._words
         rows = words.rows(first, first + lines.size - 1)
-        part = take(words, np.arange(rows.start, rows.stop))
+        part = words.take(np.arange(rows.start, rows.stop))
         shift = lines[part.block - first] - self._lines[part.block]
         return replace(part, block=part.block - np.int32(first), start=part.start + shift, end=part.end + shift)
 
@@ -186,7 +186,7 @@ class _Restorer:
             raise ValueError(code.size)
         word, number = candidate[code > 0], code[code > 0] - np.uint8(1)
         style = self._styles[self._style : self._style + word.size]
-        pool, bounds, wrong = unshift_numbers(words.digits, words.decimals, word, number, self._table, style)
+        pool, bounds, wrong = unshift_numbers(words.digits_of(word), words.decimals[word], number, self._table, style)
         if wrong:
             raise ValueError(wrong)
         odd = {n - self._style: text for n, text in self._payload.odd.items()}

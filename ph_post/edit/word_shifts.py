@@ -83,7 +83,7 @@ def shift_numbers(data: Any, columns: Any, word: Any, number: Any, table: Any) -
     ----------
     data : uint8 array
     columns : tuple
-        `start`, `end`, `digits` and `decimals` of all words.
+        `start` and `end` of all words, `digits` and `decimals` of those that change.
     word : int array, shape (n,)
         The words that change.
     number : int array, shape (n,)
@@ -104,11 +104,11 @@ def shift_numbers(data: Any, columns: Any, word: Any, number: Any, table: Any) -
     style, odd = np.empty(count, np.uint16), np.zeros(count, np.uint8)
     for n in range(count):
         w, steps, places = word[n], table[number[n], 0], table[number[n], 1]
-        own = np.int64(decimals[w])
-        manner, strange = _read_style(data, np.int64(start[w]), np.int64(end[w]), digits[w], own)
+        own = np.int64(decimals[n])
+        manner, strange = _read_style(data, np.int64(start[w]), np.int64(end[w]), digits[n], own)
         style[n], odd[n] = manner, strange
         wide = max(own, places)
-        value = digits[w] * _power(wide - own) + steps * _power(wide - places)
+        value = digits[n] * _power(wide - own) + steps * _power(wide - places)
         bounds[n + 1] = _compose(value, (manner >> 5 << 5) | wide, pool, bounds[n])
     return pool[: bounds[-1]].copy(), bounds, style, odd
 
@@ -122,18 +122,18 @@ def _power(places: Any) -> Any:
 
 
 @compiled
-def unshift_numbers(digits: Any, decimals: Any, word: Any, number: Any, table: Any, style: Any) -> Any:
-    """Take offsets back: text and bounds as in :func:`shift_numbers`, and how many numbers do not fit."""
-    count, wrong = word.size, 0
+def unshift_numbers(digits: Any, decimals: Any, number: Any, table: Any, style: Any) -> Any:
+    """Take offsets back from numbers: text and bounds as in :func:`shift_numbers`, and how many numbers do not fit."""
+    count, wrong = digits.size, 0
     pool, bounds = np.empty(LONGEST * count + LONGEST, np.uint8), np.zeros(count + 1, np.int64)
     for n in range(count):
-        w, steps, places = word[n], table[number[n], 0], table[number[n], 1]
-        manner, own = np.int64(style[n]), np.int64(decimals[w])
+        steps, places = table[number[n], 0], table[number[n], 1]
+        manner, own = np.int64(style[n]), np.int64(decimals[n])
         less = own - (manner & 31)
         if own < places or less < 0:
             wrong += 1
             continue
-        value, power = digits[w] - steps * _power(own - places), _power(less)
+        value, power = digits[n] - steps * _power(own - places), _power(less)
         wrong += value % power != 0
         bounds[n + 1] = _compose(value // power, manner, pool, bounds[n])
     return pool[: bounds[-1]].copy(), bounds, wrong

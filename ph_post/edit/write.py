@@ -197,23 +197,20 @@ def shifted_numbers(program: PartProgram, changed: ShiftedWords, decimals: int, 
     columns = words.start, words.end, digits, places
     data = np.frombuffer(program.data, np.uint8)
     pool, bounds, style, odd = shift_numbers(data, columns, word, number, delta)
-    odd[np.isin(word, many)] = 1
+    odd[many] = 1
     pairs = tuple((int(steps), int(places)) for steps, places in delta.tolist())
     return ShiftedNumbers(word=word, number=number, pool=pool, bounds=bounds, style=style, odd=odd, delta=pairs)
 
 
 def _rounded_digits(program: PartProgram, word: IntArray) -> tuple[IntArray, NDArray[np.int16], IntArray]:
-    """Digits and decimals of all words, and the words of so many that no offset can be added: without the last ones."""
-    digits, decimals = program.words.digits, program.words.decimals
-    many = word[(np.abs(digits[word]) > _LARGEST) | (decimals[word] > MOST_DECIMALS)]
-    if not many.size:
-        return digits, decimals, many
-    digits, decimals = digits.copy(), decimals.copy()
+    """Digits and decimals of words, and those of so many that no offset can be added: without the last ones."""
+    digits, decimals = program.words.digits_of(word), program.words.decimals[word]
+    many = np.flatnonzero((np.abs(digits) > _LARGEST) | (decimals > MOST_DECIMALS))
     for one in many.tolist():
         places = FINEST if decimals[one] > FINEST else int(decimals[one])
         count = round(Fraction(int(digits[one]), 10 ** (int(decimals[one]) - places)))
         if abs(count) > _LARGEST:
-            where = f"{program.name}:{program.words.block[one] + 1}"
+            where = f"{program.name}:{program.words.block[word[one]] + 1}"
             expected = f"<= {len(str(_LARGEST)) - 1} digits"
             raise InputError(where, "the number has too many digits to add an offset", expected=expected)
         digits[one], decimals[one] = count, places

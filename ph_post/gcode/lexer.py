@@ -307,7 +307,7 @@ def _read_line(data: Any, first: Any, end: Any, row: int, block: int, out: Any) 
 
     Behind a fault the words are read on: somebody may obey them. To the fault `FAULT` or `QUIET` is added.
     """
-    blocks, letters, starts, ends, values, digits, decimals = out
+    blocks, letters, starts, ends, values, decimals = out
     i, open_at = _skip_comments(data, first, end)
     trait, begin, fault, where, named = 0, row, 0, first, False
     while i < end and open_at < 0:
@@ -321,7 +321,7 @@ def _read_line(data: Any, first: Any, end: Any, row: int, block: int, out: Any) 
                 i, count, places, found, why = _read_word(data, i, end)
                 blocks[row], letters[row], starts[row], ends[row] = block, data[at] & 0xDF, at, i
                 values[row] = np.nan if places < 0 else count / _power(places)
-                digits[row], decimals[row] = count if places >= 0 else 0, max(places, -1)
+                decimals[row] = max(places, -1)
                 row += why == 0
                 named = named or why != 0 or data[at] & 0xDF != 78
         elif data[i] == 36 and row == begin:
@@ -354,7 +354,7 @@ def _power(places: int) -> Any:
 def lex(data: Any, lines: Any, out: Any, traits: Any, whys: Any, spots: Any) -> Any:
     """Read all words: their number, and the line behind them; -1 for that where there is no more room.
 
-    `out` are the columns block, letter, start, end, value, digits and decimals. Reading ends at the closing
+    `out` are the columns block, letter, start, end, value and decimals. Reading ends at the closing
     ``%``. `whys` (n,) gets the faults of lines, with `FAULT` or `QUIET`, and `spots` (n,) their places, from 1.
     """
     row, opened = 0, False

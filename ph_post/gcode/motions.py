@@ -171,15 +171,25 @@ def _kind(task: int) -> Any:
 
 
 @inner
+def _is_same(one: float, two: float) -> bool:
+    return one == two or (np.isnan(one) and np.isnan(two))
+
+
+@inner
 def _write_motion(
-    at: Any, values: Any, modes: Any, position: Any, target: Any, word: float, columns: Any, curves: Any
-) -> None:
-    """Write down one motion from `position` to `target` [m]; `word` is its F, NaN where it is not known."""
+    at: Any, values: Any, modes: Any, position: Any, target: Any, word: float, columns: Any, curves: Any, check: bool
+) -> bool:
+    """Write down one motion from `position` to `target` [m]; `word` is its F, NaN where it is not known.
+
+    To `check` the motion has to begin where the one before it ends: false where it does not.
+    """
     block_of, kind, starts, ends, plane, feed, duration, exact = columns
     row, block, task = at
     # Where the plane is not known no arc is read, and for the rest any will do.
     block_of[row], kind[row], plane[row] = block, _kind(task), max(np.int64(modes[PLANE]), 17)
     for axis in range(3):
+        if check and row > 0 and not _is_same(ends[row - 1, axis], position[axis]):
+            return False
         starts[row, axis], ends[row, axis] = position[axis], target[axis]
     if ARC_CW <= task <= ARC_CCW:
         _write_arc(values, modes, position, row, task, curves)
@@ -189,6 +199,7 @@ def _write_motion(
     elif task != RAPID:
         feed[row] = word * modes[UNITS] / 60.0 if modes[FEED_MODE] == 94.0 else np.nan
     exact[row] = modes[PATH] == 610.0 or modes[PATH] == 611.0
+    return True
 
 
 @inner
@@ -256,7 +267,9 @@ def _lose(axis: int, anchor: Any, position: Any) -> None:
 
 
 @compiled
-def trace_motions(words: Any, modal: Any, end: int, anchors: Any, columns: Any, curves: Any) -> Any:  # noqa: C901, PLR0912, PLR0915
+def trace_motions(  # noqa: C901, PLR0912, PLR0915
+    words: Any, modal: Any, end: int, anchors: Any, columns: Any, curves: Any, shared: bool
+) -> Any:
     """Follow the position through all blocks before `end`, write down the motions and return their number.
 
     `words` are the columns block, letter and value; `modal` the distinct states, and for each block its
@@ -264,7 +277,8 @@ def trace_motions(words: Any, modal: Any, end: int, anchors: Any, columns: Any, 
     `anchors` those of :func:`find_anchors`.
     `columns` to fill: block, kind, start, end, plane, feed, duration, exact; `curves`: centre, angle and
     turns as the words have them. Durations and curves are zeros, and stay so where nothing is written:
-    memory that nothing is written to takes no room.
+    memory that nothing is written to takes no room. Where starts have room `shared` with the ends of the motions
+    before them, -1 is returned if one begins elsewhere.
     """
     blocks, letter, value = words
     table, states, feeds, tasks, whys = modal
@@ -317,7 +331,8 @@ def trace_motions(words: Any, modal: Any, end: int, anchors: Any, columns: Any, 
         word = feeds[block]
         if word == 0.0 or (modes[FEED_MODE] == 93.0 and np.isnan(values[LETTER_F])):
             word = np.nan
-        _write_motion(write_at, values, modes, position, target, word, columns, curves)
+        if not _write_motion(write_at, values, modes, position, target, word, columns, curves, shared):
+            return -1
         _copy(target, position)
         row += 1
     return row

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.gcode import codes
-from ph_post.types import Array, BoolArray, IntArray
+from ph_post.types import Array, BoolArray, IntArray, sealed
 
 
 class Spelling(Protocol):
@@ -196,9 +196,9 @@ class WordTable(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The words of a program outside comments, w of them, in the order of the text.
 
     `block` the line a word stands on (from 0); `letter` its letter, upper case, as a byte; `start`, `end` its
-    bytes in the program, letter included; `value` its number; `digits` and `decimals` the same number
-    exactly, digits / 10^decimals. Words whose value is no plain number (`#5`, `[1+2]`) have a NaN and
-    `decimals` -1.
+    bytes in the program, letter included; `value` its number, and `decimals` how many it has: with `digits` the
+    number is exactly digits / 10^decimals. Words whose value is no plain number (`#5`, `[1+2]`) have a NaN and
+    `decimals` -1. `long` has the digits of the words of which `value` does not have all.
     """
 
     block: PlaceArray
@@ -206,8 +206,33 @@ class WordTable(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     start: PlaceArray
     end: PlaceArray
     value: Array
-    digits: IntArray
     decimals: NDArray[np.int16]
+    long: Mapping[int, int] = {}
+
+    @property
+    def digits(self) -> IntArray:
+        """Digits of all words, 0 of what is no plain number, shape (w,)."""
+        return self.digits_of(slice(None))
+
+    def digits_of(self, rows: slice | IntArray) -> IntArray:
+        """Return the digits of some words, shape (k,)."""
+        found = whole_numbers(self.value[rows], self.decimals[rows])
+        if self.long:
+            numbers = np.arange(self.block.size)[rows]
+            for place in np.flatnonzero(np.isin(numbers, list(self.long))).tolist():
+                found[place] = self.long[int(numbers[place])]
+        return found
+
+    def take(self, rows: IntArray) -> WordTable:
+        """Return the table of some of the words."""
+        columns = {name: getattr(self, name)[rows] for name in self.__struct_fields__ if name != "long"}
+        found = np.flatnonzero(np.isin(rows, list(self.long))).tolist() if self.long else []
+        return WordTable(**columns, long={place: self.long[int(rows[place])] for place in found})
+
+    def sealed(self) -> WordTable:
+        """Return the table with columns that nobody can write to."""
+        columns = {name: sealed(getattr(self, name)) for name in self.__struct_fields__ if name != "long"}
+        return msgspec.structs.replace(self, **columns)
 
     def rows(self, first: int, last: int) -> slice:
         """Return the rows of the words of the lines from `first` to before `last`."""
@@ -375,6 +400,29 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def words_of(self, block: int) -> range:
         """Return the numbers of the words on a line."""
         return range(*span_of(self.words.block, block))
+
+
+_EXACT: Final = 2.0**50
+"""Whole numbers below this come back from a number with decimals."""
+
+
+def whole_numbers(value: Array, decimals: NDArray[np.int16]) -> IntArray:
+    """Return numbers without their decimal points, 0 in the place of those that doubles do not have exactly.
+
+    Examples
+    --------
+    >>> whole_numbers(np.array([1.005, -2.0, 12345678901234567.0]), np.array([3, 1, 0])).tolist()
+    [1005, -20, 0]
+    """
+    with np.errstate(all="ignore"):
+        whole = np.rint(value * 10.0**decimals)
+        return np.where(np.abs(whole) < _EXACT, whole, 0.0).astype(np.int64)
+
+
+def long_numbers(value: Array, decimals: NDArray[np.int16] | IntArray) -> IntArray:
+    """Return the rows of plain numbers (decimals of 0 and more) of which doubles do not have all digits."""
+    with np.errstate(all="ignore"):
+        return np.flatnonzero((decimals >= 0) & ~(np.abs(value * 10.0**decimals) < _EXACT))
 
 
 def span_of(blocks: PlaceArray, block: int) -> tuple[int, int]:

@@ -414,24 +414,32 @@ def _make_motions(lexed: Lexed, blocks: _Blocks) -> Motions:
 
 
 def _trace(lexed: Lexed, blocks: _Blocks) -> tuple[tuple[Any, ...], tuple[Any, ...], int]:
+    """Follow the program; its motions have their starts and ends in one array if each begins where the last ends."""
     words = lexed.words
     room = int(np.count_nonzero((blocks.tasks & (codes.FORGET_FIRST - 1)) % codes.FORGET))
-    columns = (
-        np.empty(room, np.int32),
-        np.empty(room, np.int8),
-        np.empty((room, 3)),
-        np.empty((room, 3)),
-        np.empty(room, np.int8),
-        np.empty(room),
-        np.zeros(room),
-        np.empty(room, np.int8),
-    )
-    curves = (np.zeros((room, 2)), np.zeros(room), np.zeros(room, np.int16))
     modal = (blocks.table, blocks.states, blocks.feeds, blocks.tasks, blocks.whys)
     text, anchors = (words.block, words.letter, words.value), np.zeros(blocks.tasks.size + 1, np.uint8)
     find_anchors(text, modal, blocks.last, anchors)
-    count = trace_motions(text, modal, blocks.last, anchors, columns, curves)
-    return columns, curves, int(count)
+    for shared in (True, False):
+        places = np.empty((room + 1, 3))
+        columns = (
+            np.empty(room, np.int32),
+            np.empty(room, np.int8),
+            places[:-1],
+            places[1:] if shared else np.empty((room, 3)),
+            np.empty(room, np.int8),
+            np.empty(room),
+            np.zeros(room),
+            np.empty(room, np.int8),
+        )
+        curves = (np.zeros((room, 2)), np.zeros(room), np.zeros(room, np.int16))
+        count = int(trace_motions(text, modal, blocks.last, anchors, columns, curves, shared))
+        if count >= 0:
+            break
+    if shared and count < room:
+        places = places[: count + 1].copy()
+        columns = (*columns[:2], places[:-1], places[1:], *columns[4:])
+    return columns, curves, count
 
 
 Splines = tuple[dict[int, Array], dict[int, NurbsData]]

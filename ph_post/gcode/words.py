@@ -10,7 +10,7 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode import arcs, codes, lexer
-from ph_post.gcode.program import ByteArray, PlaceArray, WordTable
+from ph_post.gcode.program import ByteArray, PlaceArray, WordTable, long_numbers
 from ph_post.types import IntArray, sealed
 
 WIDTH = 100
@@ -200,14 +200,21 @@ def read_words(data: bytes, lines: PlaceArray) -> Lexed:
 
 def _read_words(text: ByteArray, lines: PlaceArray, room: int) -> Lexed:
     blocks, starts, ends = (np.empty(room, np.int32) for _ in range(3))
-    letters, digits, decimals = np.empty(room, np.uint8), np.empty(room, np.int64), np.empty(room, np.int16)
-    out = (blocks, letters, starts, ends, np.empty(room), digits, decimals)
+    out = (blocks, np.empty(room, np.uint8), starts, ends, np.empty(room), np.empty(room, np.int16))
     traits, whys = np.zeros(lines.size - 1, np.uint8), np.zeros(lines.size - 1, np.uint8)
     spots = np.zeros(lines.size - 1, np.int32)
     count, end = lexer.lex(text, lines, out, traits, whys, spots)
-    block, letter, start, stop, value, digits, decimals = (_cut(column, count) for column in out)
-    words = WordTable(block=block, letter=letter, start=start, end=stop, value=value, digits=digits, decimals=decimals)
+    block, letter, start, stop, value, decimals = (_cut(column, count) for column in out)
+    long = {
+        word: _digits(text[start[word] + 1 : stop[word]].tobytes()) for word in long_numbers(value, decimals).tolist()
+    }
+    words = WordTable(block=block, letter=letter, start=start, end=stop, value=value, decimals=decimals, long=long)
     return Lexed(lines=lines, words=words, traits=traits, end=int(end), whys=whys, spots=spots)
+
+
+def _digits(number: bytes) -> int:
+    """Return the digits of a number with blanks in it, with their sign."""
+    return int(re.sub(rb"[^-\d]", b"", number))
 
 
 def _cut(column: Any, count: int) -> Any:

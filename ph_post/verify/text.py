@@ -204,8 +204,8 @@ def _differ_by(
     scale = np.where(fits, decimals, _POWERS)
     rounded = (before > _ROUNDED) & (after == _ROUNDED)
     with np.errstate(over="ignore"):
-        way = other.digits[pairs.new] * 10 ** np.maximum(scale - after, 0)
-        way = np.abs(way - one.digits[pairs.old] * 10 ** np.maximum(scale - before, 0))
+        way = other.digits_of(pairs.new) * 10 ** np.maximum(scale - after, 0)
+        way = np.abs(way - one.digits_of(pairs.old) * 10 ** np.maximum(scale - before, 0))
         spare = np.where(rounded, 10 ** np.maximum(scale - _ROUNDED, 0) // 2, 0)
         off = [np.abs(way - step * number * 10 ** (scale - places)) for step in steps]
         right = fits & (np.min(off, axis=0) <= spare)

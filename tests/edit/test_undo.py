@@ -180,7 +180,7 @@ def test_styles_of_numbers(text: str, digits: int, decimals: int, odd: bool) -> 
     if not odd:
         assert pool.tobytes().decode() == text[1:]
         assert bounds.tolist() == [0, len(text) - 1]
-        back, _, wrong = unshift_numbers(*columns[2:], first, number, nothing, sealed(style))
+        back, _, wrong = unshift_numbers(*columns[2:], number, nothing, sealed(style))
         assert (back.tobytes().decode(), wrong) == (text[1:], 0)
 
 

@@ -116,7 +116,6 @@ class Tape:
             start=none,
             end=none,
             value=np.zeros(0),
-            digits=none,
             decimals=none,
         )
         ends = (Break(block=0, motion=0, kind="beginning"), Break(block=count, motion=count, kind="end"))

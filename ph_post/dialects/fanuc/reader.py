@@ -237,7 +237,7 @@ def in_increments(words: WordTable, data: bytes, *, decimals: int) -> WordTable:
 def _without_point(words: WordTable, data: bytes) -> np.ndarray:
     """Lengths other than 0 that have no decimal point, shape (w,)."""
     text = np.frombuffer(data, np.uint8)
-    plain = _LENGTHS[words.letter] & (words.decimals == 0) & (words.digits != 0)
+    plain = _LENGTHS[words.letter] & (words.decimals == 0) & (words.value != 0.0)
     return np.asarray(plain & (text[np.maximum(words.end - 1, 0)] != ord(".")))
 
 

@@ -11,13 +11,14 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ph_post.bounds import check_places
 from ph_post.gcode.curves import curves_of
 from ph_post.gcode.program import ARC, CUBIC, NURBS, RAPID, Motions, PartProgram
 from ph_post.simulate.controllers.legs import NURBS_SPANS, SHORTEST, Legs
 from ph_post.simulate.controllers.unknown import known_ends
-from ph_post.types import Array, ExactPath, GrblChords, IntArray, KlipperChords
+from ph_post.types import Array, BoolArray, ExactPath, GrblChords, IntArray, KlipperChords
 from ph_post.units import MINUTE
 
 _WIDEST: Final = 0.1
@@ -41,8 +42,9 @@ class StraightBlocks(NamedTuple):
     """Straight blocks, n of them, in the order of travel. SI units.
 
     `start`, `end`, `unit` (n, 3); `length`, `speed` [m/s] and `push`, the acceleration [m/s²] (n,). `motion` is the
-    program's motion that each is part of, from `share0` to `share1` of it. `joined` is 0 where a block begins at
-    rest, after the axes waited for `pause` [s].
+    program's motion that each is part of, from `share0` to `share1` of it. `joined` is false where a block begins at
+    rest, after the axes waited for `pause` [s]. Of a program of which no row is wanted `start`, `end`, `share0` and
+    `share1` are empty.
     """
 
     start: Array
@@ -51,14 +53,16 @@ class StraightBlocks(NamedTuple):
     length: Array
     speed: Array
     push: Array
-    motion: IntArray
+    motion: NDArray[np.int32]
     share0: Array
     share1: Array
-    joined: IntArray
+    joined: BoolArray
     pause: Array
 
 
-def straight_blocks(program: PartProgram, legs: Legs, limits: Array, planner: ExactPath) -> StraightBlocks:
+def straight_blocks(
+    program: PartProgram, legs: Legs, limits: Array, planner: ExactPath, begin: Array | None = None
+) -> StraightBlocks:
     """Return the blocks that a controller makes of a program.
 
     Parameters
@@ -69,6 +73,8 @@ def straight_blocks(program: PartProgram, legs: Legs, limits: Array, planner: Ex
     limits : Array, shape (3, 2)
         Velocity [m/s] and acceleration [m/s²] of the axes.
     planner : ExactPath
+    begin : Array, shape (3,), optional
+        Place where it begins, if that is known [m].
 
     Returns
     -------
@@ -85,7 +91,7 @@ def straight_blocks(program: PartProgram, legs: Legs, limits: Array, planner: Ex
     number = np.arange(row.size) - (np.cumsum(count) - count)[row]
     share0, share1 = number / count[row], (number + 1) / count[row]
     start, end = _arc_points(legs, row, share0), _arc_points(legs, row, share1)
-    whole = known_ends(program)
+    whole = known_ends(program) if begin is None else known_ends(program, begin)
     first, last = number == 0, number + 1 == count[row]
     start[first], end[last] = whole[0][row[first]], whole[1][row[last]]
     for k, (places, points) in played.items():
@@ -98,7 +104,7 @@ def straight_blocks(program: PartProgram, legs: Legs, limits: Array, planner: Ex
     row, length = row[kept], length[kept]
     unit = way[kept] / length[:, None]
     fast, push = limits_along(unit, limits, shared=planner.shared_limits)
-    pause, drains = _rests(legs, row, planner)
+    pause, joined = rests_before(legs.pause, legs.drains, row, planner)
     return StraightBlocks(
         start=start[kept],
         end=end[kept],
@@ -106,10 +112,10 @@ def straight_blocks(program: PartProgram, legs: Legs, limits: Array, planner: Ex
         length=length,
         speed=np.minimum(_asked(program, legs, planner)[row], fast),
         push=push,
-        motion=row,
+        motion=row.astype(np.int32),
         share0=share0[kept],
         share1=share1[kept],
-        joined=(drains == 0.0).astype(np.int64),
+        joined=joined,
         pause=pause,
     )
 
@@ -247,16 +253,40 @@ def _asked(program: PartProgram, legs: Legs, planner: ExactPath) -> Array:
     return np.asarray(np.maximum(np.where(free, others, asked), planner.least_feed))
 
 
-def _rests(legs: Legs, row: IntArray, planner: ExactPath) -> tuple[Array, Array]:
-    """Return how long the axes rest before each block [s], and 1 where the planner runs dry before it.
+def rests_before(
+    pauses: Array, drains: Array, row: IntArray | NDArray[np.int32], planner: ExactPath
+) -> tuple[Array, BoolArray]:
+    """Return how long the axes rest before each block [s], and true where the planner does not run dry before it.
 
     What is asked for before a motion that has no block comes before the next that has.
+
+    Parameters
+    ----------
+    pauses, drains : Array, shape (motions,)
+        Rests asked for before motions [s], and 1 where the planner runs dry before them.
+    row : IntArray, shape (n,)
+        Motion of each block.
+    planner : ExactPath
     """
-    begins = np.flatnonzero(np.diff(row, prepend=-1) > 0)
-    owner = np.searchsorted(row[begins], np.arange(legs.length.size))
-    inside = owner < begins.size
-    pause, drains = np.zeros(row.size), np.zeros(row.size)
-    np.add.at(pause, begins[owner[inside]], planner.dwell(legs.pause)[inside])
-    np.maximum.at(drains, begins[owner[inside]], legs.drains[inside])
-    drains[:1], pause[:1] = 1.0, 0.0
-    return pause, drains
+    asked = np.flatnonzero((pauses != 0.0) | (drains != 0.0))
+    at = np.searchsorted(row, asked.astype(row.dtype))
+    asked, at = asked[at < row.size], at[at < row.size]
+    pause, joined = np.zeros(row.size), np.ones(row.size, dtype=np.bool_)
+    np.add.at(pause, at, planner.dwell(pauses[asked]))
+    joined[at[drains[asked] > 0.0]] = False
+    joined[:1], pause[:1] = False, 0.0
+    return pause, joined
+
+
+def without_places(blocks: StraightBlocks) -> StraightBlocks:
+    """Return blocks of which no row is wanted."""
+    nothing = np.zeros(0)
+    return blocks._replace(start=np.zeros((0, 3)), end=np.zeros((0, 3)), share0=nothing, share1=nothing)
+
+
+def join_blocks(parts: list[StraightBlocks]) -> StraightBlocks:
+    """Put the blocks of parts of a program, at least one, one behind the other; the list is emptied."""
+    # Column by column, so that the parts and the whole are not both there.
+    columns = [list(column) for column in zip(*parts, strict=True)]
+    parts.clear()
+    return StraightBlocks(*(np.concatenate(columns.pop(0)) for _ in StraightBlocks._fields))

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ph_post.bounds import check_samples
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Array, IntArray
@@ -13,7 +16,9 @@ REMEDY: Final = "a higher feed, shorter dwells or a longer controller.servo_peri
 """What makes a run shorter."""
 
 
-def check_duration(program: PartProgram, motion: Array | IntArray, took: Array, period: float) -> None:
+def check_duration(
+    program: PartProgram, motion: Array | IntArray | NDArray[np.int32], took: Array, period: float
+) -> None:
     """Refuse moves that take too many servo periods.
 
     Parameters

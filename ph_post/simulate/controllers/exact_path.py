@@ -19,6 +19,7 @@ from ph_post.simulate.controllers.chords import StraightBlocks
 from ph_post.simulate.controllers.durations import check_duration
 from ph_post.types import (
     Array,
+    BoolArray,
     ExactPath,
     GrblCorner,
     IntArray,
@@ -161,7 +162,7 @@ def corner_speeds(
     speed: Array,
     push: Array,
     most: Array,
-    joined: IntArray,
+    joined: BoolArray,
 ) -> Array:
     """Return the largest squared speeds at the beginnings of blocks.
 
@@ -175,8 +176,8 @@ def corner_speeds(
         Length [m], speed [m/s] and acceleration [m/s²] of the blocks.
     most : Array, shape (3,)
         Accelerations of the axes [m/s²].
-    joined : IntArray, shape (n,)
-        0 where a block begins at rest.
+    joined : BoolArray, shape (n,)
+        False where a block begins at rest.
 
     Returns
     -------
@@ -185,7 +186,7 @@ def corner_speeds(
     """
     found = np.zeros(length.size)
     for k in range(1, length.size):
-        if joined[k] == 0:
+        if not joined[k]:
             continue
         one, two, bound = unit[k - 1], unit[k], min(speed[k - 1], speed[k])
         if rule == GRBL:
@@ -201,7 +202,7 @@ def corner_speeds(
 
 
 @compiled
-def look_ahead(limit: Array, length: Array, speed: Array, push: Array, joined: IntArray, depth: int) -> Array:
+def look_ahead(limit: Array, length: Array, speed: Array, push: Array, joined: BoolArray, depth: int) -> Array:
     """Return the squared speeds at the beginning, in the middle and at the end of blocks; Grbl's and Marlin's way.
 
     Parameters
@@ -227,7 +228,7 @@ def look_ahead(limit: Array, length: Array, speed: Array, push: Array, joined: I
     if depth > 0:
         ahead, last = 0.0, 0
         for k in range(count):
-            if joined[k] == 0:
+            if not joined[k]:
                 last, ahead = k, 0.0
             while last < min(k + depth, count) and (last == k or joined[last]):
                 ahead += gain[last]
@@ -246,7 +247,7 @@ def look_ahead(limit: Array, length: Array, speed: Array, push: Array, joined: I
 
 @compiled
 def look_ahead_smoothly(
-    limit: Array, length: Array, speed: Array, push: Array, joined: IntArray, smooth: float
+    limit: Array, length: Array, speed: Array, push: Array, joined: BoolArray, smooth: float
 ) -> Array:
     """Return the squared speeds at the beginning, in the middle and at the end of blocks; Klipper's way.
 
@@ -264,7 +265,7 @@ def look_ahead_smoothly(
     after = even_after = peak = 0.0
     waiting = count
     for k in range(count - 1, -1, -1):
-        if k + 1 == count or joined[k + 1] == 0:
+        if k + 1 == count or not joined[k + 1]:
             after = even_after = peak = 0.0
             waiting = k + 1
         reach, even_reach = after + gain[k], even_after + even[k]
@@ -374,20 +375,48 @@ def plan_trapezoids(blocks: StraightBlocks, planner: ExactPath, limits: Array) -
     -------
     Trapezoids
     """
-    shared = float(limits[:2, 1].min())
-    rule, numbers = corner_rule(planner, shared)
-    most, joined = np.ascontiguousarray(limits[:, 1]), blocks.joined
-    limit = corner_speeds(rule, numbers, blocks.unit, blocks.length, blocks.speed, blocks.push, most, joined)
-    if isinstance(planner.corner, KlipperCorner):
-        asked = planner.corner.accel_to_decel
-        smooth = 0.5 * shared if asked is None else min(asked, shared)
-        square = look_ahead_smoothly(limit, blocks.length, blocks.speed, blocks.push, joined, smooth)
-    else:
-        square = look_ahead(limit, blocks.length, blocks.speed, blocks.push, joined, planner.blocks or 0)
+    square = _squares(blocks, planner, limits)
     times = block_times(square, blocks.length, blocks.push)
     taken = times.sum(axis=1)
     begins = np.cumsum(blocks.pause + taken) - taken
     return Trapezoids(square, times, begins, float(begins[-1] + taken[-1]) if taken.size else 0.0)
+
+
+def _squares(blocks: StraightBlocks, planner: ExactPath, limits: Array) -> Array:
+    """Return the squared speeds of :class:`Trapezoids`, (n, 3) [m²/s²]."""
+    shared = float(limits[:2, 1].min())
+    rule, numbers = corner_rule(planner, shared)
+    most, joined = np.ascontiguousarray(limits[:, 1]), blocks.joined
+    limit = corner_speeds(rule, numbers, blocks.unit, blocks.length, blocks.speed, blocks.push, most, joined)
+    found: Array
+    if isinstance(planner.corner, KlipperCorner):
+        asked = planner.corner.accel_to_decel
+        smooth = 0.5 * shared if asked is None else min(asked, shared)
+        found = look_ahead_smoothly(limit, blocks.length, blocks.speed, blocks.push, joined, smooth)
+    else:
+        found = look_ahead(limit, blocks.length, blocks.speed, blocks.push, joined, planner.blocks or 0)
+    return found
+
+
+_PART: Final = 1 << 16
+"""Blocks whose times are worked out together where nothing but their sum is wanted."""
+
+
+def count_periods(
+    blocks: StraightBlocks, planner: ExactPath, limits: Array, period: float, program: PartProgram
+) -> int:
+    """Count the periods that blocks take, as :func:`plan_exact`, which raises the same; their places are not needed."""
+    square = _squares(blocks, planner, limits)
+    took, begin = np.empty(blocks.length.size), 0.0
+    for first in range(0, took.size, _PART):
+        part = slice(first, first + _PART)
+        times = block_times(square[part], blocks.length[part], blocks.push[part]).sum(axis=1)
+        # Summed in their order, as all of them together are.
+        ends = np.cumsum(np.append(begin, blocks.pause[part] + times))
+        took[part], begin = blocks.pause[part] + times, float(ends[-1])
+    check_duration(program, blocks.motion, took, period)
+    total = begin - float(times[-1]) + float(times[-1])
+    return math.ceil(total / period - ROUNDING)
 
 
 def _meet_turns(
@@ -397,7 +426,7 @@ def _meet_turns(
 
     Motors come there, and carry their tables along; between two rows it would not show.
     """
-    turns = 1 + np.flatnonzero((blocks.unit[1:] * blocks.unit[:-1] < 0.0).any(axis=1) & (blocks.joined[1:] > 0))
+    turns = 1 + np.flatnonzero((blocks.unit[1:] * blocks.unit[:-1] < 0.0).any(axis=1) & blocks.joined[1:])
     row = np.rint(begins[turns] / period).astype(np.int64)
     inside = (row > 0) & (row < way.size - 1)
     way[row[inside]], block[row[inside]], position[row[inside]] = 0.0, turns[inside], blocks.start[turns[inside]]
@@ -445,7 +474,7 @@ def exact_rows(run: ExactRun, period: float, *, meet_turns: bool = False) -> tup
     if meet_turns:
         _meet_turns(blocks, plan.begins, period, way, block, position)
     share = blocks.share0[block] + way / blocks.length[block] * (blocks.share1[block] - blocks.share0[block])
-    motion = blocks.motion[block]
+    motion = blocks.motion[block].astype(np.int64)
     motion[0], share[0], share[-1] = -1, 0.0, blocks.share1[-1]
     return position, motion, share, steps
 

@@ -87,7 +87,7 @@ def _exact(planner: ExactPath, limits: Array, units: Pair, lengths: Pair, feed: 
     length = np.stack(lengths, axis=1).ravel()
     fast, push = limits_along(unit, limits, shared=planner.shared_limits)
     speed = np.minimum(np.repeat(np.maximum(feed, planner.least_feed), 2), fast)
-    joined = np.arange(length.size) % 2
+    joined = np.arange(length.size) % 2 == 1
     rule, numbers = corner_rule(planner, float(limits[:2, 1].min()))
     most = np.ascontiguousarray(limits[:, 1])
     return np.sqrt(corner_speeds(rule, numbers, unit, length, speed, push, most, joined)[1::2])

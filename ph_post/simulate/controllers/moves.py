@@ -135,7 +135,14 @@ def programmed(program: PartProgram, limits: Array) -> Legs:
 
 def written_legs(program: PartProgram, limits: Array) -> Legs:
     """Make one leg of every motion of a program, a straight one of a spline; `limits` of :func:`limit_table`."""
-    start, end = known_ends(program)
+    legs = bare_legs(program, limits, *known_ends(program))
+    legs.tolerance[:] = tolerances(program)
+    legs.pause[:], legs.drains[:] = stops_before(program)
+    return legs
+
+
+def bare_legs(program: PartProgram, limits: Array, start: Array, end: Array) -> Legs:
+    """Make the legs of motions from starts to ends (n, 3) [m], without tolerances and stops."""
     legs = make_legs(len(start))
     legs.motion[:], legs.share1[:] = np.arange(len(start)), 1.0
     legs.rapid[:] = program.motions.kind == RAPID
@@ -143,8 +150,6 @@ def written_legs(program: PartProgram, limits: Array) -> Legs:
     _put_lines(legs, straight, start, end, limits)
     _put_arcs(legs, np.flatnonzero(~straight), program, start, end, limits)
     _put_feeds(legs, program)
-    legs.tolerance[:] = tolerances(program)
-    _put_stops(legs, program)
     return legs
 
 
@@ -302,25 +307,27 @@ def _number(path: str | None, letter: str) -> float:
     return 0.0
 
 
-def _put_stops(legs: Legs, program: PartProgram) -> None:
-    """Mark the moves before which the planner runs dry, and how long the axes rest there."""
+def stops_before(program: PartProgram) -> tuple[Array, Array]:
+    """Return how long the axes rest before each motion [s], and 1 where the planner runs dry before it, 0 elsewhere."""
     words, block = program.words, program.motions.block
+    pause, drains = np.zeros(block.size), np.zeros(block.size)
     letter, value = words.letter, words.value
     m_words = letter == ord("M")
     before = (letter == ord("S")) | (m_words & np.isin(value, STOPS_BEFORE))
     for rows, side in ((before, "left"), (m_words & np.isin(value, STOPS_AFTER), "right")):
-        _drain(legs, np.searchsorted(block, words.block[rows], side=side))  # type: ignore[call-overload]
-    _drain(legs, np.array([one.motion for one in program.breaks], dtype=np.int64))
+        _drain(drains, np.searchsorted(block, words.block[rows], side=side))  # type: ignore[call-overload]
+    _drain(drains, np.array([one.motion for one in program.breaks], dtype=np.int64))
     lines, seconds = program.dwells()
     lines, seconds = np.append(lines, [*program.rests]), np.append(seconds, [*program.rests.values()])
     at = np.searchsorted(block, lines, side="left")
-    _drain(legs, at)
-    inside = at < legs.pause.size
-    np.add.at(legs.pause, at[inside], np.nan_to_num(seconds[inside]))
+    _drain(drains, at)
+    inside = at < pause.size
+    np.add.at(pause, at[inside], np.nan_to_num(seconds[inside]))
+    return pause, drains
 
 
-def _drain(legs: Legs, moves: IntArray) -> None:
-    legs.drains[moves[moves < legs.drains.size]] = 1.0
+def _drain(drains: Array, moves: IntArray) -> None:
+    drains[moves[moves < drains.size]] = 1.0
 
 
 def _with_length(legs: Legs) -> Legs:

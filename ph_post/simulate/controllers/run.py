@@ -6,21 +6,30 @@ What the controller is like, its planner says: :class:`ph_post.types.planner.Exa
 
 from __future__ import annotations
 
+import math
 from typing import Final, TypeVar
 
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.bounds import MOST_SAMPLES
 from ph_post.dialects.planners import planner_of
 from ph_post.drive.cascade import response_time
-from ph_post.gcode.program import AXES, PartProgram
-from ph_post.simulate.controllers.chords import StraightBlocks, straight_blocks
+from ph_post.gcode.program import AXES, Motions, PartProgram
+from ph_post.simulate.controllers.chords import (
+    StraightBlocks,
+    join_blocks,
+    rests_before,
+    straight_blocks,
+    without_places,
+)
 from ph_post.simulate.controllers.durations import check_duration, refuse_run
-from ph_post.simulate.controllers.exact_path import ExactRun, exact_rows, plan_exact, steps_of
+from ph_post.simulate.controllers.exact_path import ExactRun, count_periods, exact_rows, plan_exact, steps_of
 from ph_post.simulate.controllers.further_times import with_further_times
 from ph_post.simulate.controllers.legs import DRAINS, FIRST, MOTION, ORIGIN, PAUSE, RADIUS, Legs, table_of
-from ph_post.simulate.controllers.moves import limit_table, moves_of, own_moves, written_legs
+from ph_post.simulate.controllers.moves import bare_legs, limit_table, moves_of, own_moves, stops_before
 from ph_post.simulate.controllers.planner import COLUMNS, KIND, MOST, ROUNDING, plan_legs, run_legs
+from ph_post.simulate.controllers.unknown import known_ends
 from ph_post.types import Array, Command, ControllerPlanner, ExactPath, IntArray, Machine, RoundedPath, sealed
 
 DRAINED: Final = 4
@@ -74,25 +83,40 @@ class PlannedRun:
     ----------
     program, machine, planner
         As of :func:`run_program`, which raises the same.
+    longest : float, optional
+        Time [s] beyond which no row is asked for: of a longer program no more is kept than its time takes.
     """
 
-    def __init__(self, program: PartProgram, machine: Machine, planner: ControllerPlanner | None = None) -> None:
+    def __init__(
+        self,
+        program: PartProgram,
+        machine: Machine,
+        planner: ControllerPlanner | None = None,
+        longest: float = math.inf,
+    ) -> None:
         self._machine, self._program = machine, with_further_times(program, machine)
         self._planner = planner_of(machine) if planner is None else planner
         self._exact: ExactRun | None = None
+        self._periods: int | None = None
         if isinstance(self._planner, ExactPath):
             limits, period = limit_table(machine), machine.servo_period
-            blocks = _blocks(self._program, limits, self._planner, period)
-            self._exact = plan_exact(blocks, self._planner, limits, period, self._program)
+            blocks = _blocks(self._program, limits, self._planner, period, longest)
+            if blocks.length.size and not blocks.start.size:
+                self._periods = count_periods(blocks, self._planner, limits, period, self._program)
+            else:
+                self._exact = plan_exact(blocks, self._planner, limits, period, self._program)
+                self._periods = self._exact.periods
 
     @property
     def time(self) -> float | None:
         """Time of the last row [s]; None where only the rows say."""
-        return None if self._exact is None else self._exact.periods * self._machine.servo_period
+        return None if self._periods is None else self._periods * self._machine.servo_period
 
     def command(self, *, meet_turns: bool = False) -> Command:
         """Return the rows, as :func:`run_program`."""
         machine, program, planner, period = self._machine, self._program, self._planner, self._machine.servo_period
+        if self._exact is None and self._periods is not None:
+            return PlannedRun(program, machine, planner).command(meet_turns=meet_turns)
         if self._exact is not None:
             meet_turns = meet_turns and not any(response_time(axis.servo) for axis in machine.axes.values())
             return _command(*exact_rows(self._exact, period, meet_turns=meet_turns), machine)
@@ -151,11 +175,37 @@ def _planned(moves: Legs, limits: Array, period: float) -> tuple[Array, Array]:
     return legs[:count], table[:count]
 
 
-def _blocks(program: PartProgram, limits: Array, planner: ExactPath, period: float) -> StraightBlocks:
-    """Return the blocks of an exact-path controller, if they are not too long to run."""
-    blocks = straight_blocks(program, written_legs(program, limits), limits, planner)
+def _blocks(
+    program: PartProgram, limits: Array, planner: ExactPath, period: float, longest: float = math.inf
+) -> StraightBlocks:
+    """Return the blocks of an exact-path controller, if they are not too long to run.
+
+    Of a program that takes longer than `longest` [s] they have what its time needs.
+    """
+    parts: list[StraightBlocks] = []
+    begin, least = np.zeros(3), 0.0
+    for first in range(0, max(program.motions.kind.size, 1), ROOM):
+        part = _part_of(program, first, first + ROOM)
+        start, end = known_ends(part, begin)
+        made = straight_blocks(part, bare_legs(part, limits, start, end), limits, planner, begin)
+        parts.append(made._replace(motion=made.motion + np.int32(first)))
+        begin, least = end[-1] if end.size else begin, least + float((made.length / made.speed).sum())
+        if least > longest:
+            parts = [without_places(one) for one in parts]
+    blocks = join_blocks(parts)
+    pause, joined = rests_before(*stops_before(program), blocks.motion, planner)
+    blocks = blocks._replace(pause=pause, joined=joined)
     check_duration(program, blocks.motion, blocks.length / blocks.speed + blocks.pause, period)
     return blocks
+
+
+def _part_of(program: PartProgram, first: int, last: int) -> PartProgram:
+    """Return a program with the motions from `first` to before `last` alone."""
+    motions, rows = program.motions, slice(first, last)
+    own = {name: getattr(motions, name)[rows] for name in motions.__struct_fields__ if name not in ("control", "nurbs")}
+    control = {k - first: points for k, points in motions.control.items() if first <= k < last}
+    nurbs = {k - first: curve for k, curve in motions.nurbs.items() if first <= k < last}
+    return replace(program, motions=Motions(**own, control=control, nurbs=nurbs))
 
 
 def _moves(program: PartProgram, limits: Array, planner: RoundedPath, period: float) -> Legs:

@@ -21,18 +21,23 @@ _APART: Final = 1e-9
 """Places that differ by less [m] are the same."""
 
 
-def known_ends(program: PartProgram) -> tuple[Array, Array]:
+_ORIGIN: Final = np.zeros(3)
+
+
+def known_ends(program: PartProgram, begin: Array = _ORIGIN) -> tuple[Array, Array]:
     """Return starts and ends of motions (n, 3) [m]; where a coordinate is not known, the one known last.
 
-    At the beginning that is the machine's origin.
+    At the beginning that is the machine's origin, or the place (3,) [m] where the motions `begin`.
     """
     motions = program.motions
+    if not (np.isnan(motions.start).any() or np.isnan(motions.end).any()):
+        return motions.start, motions.end
     places = np.stack([motions.start, motions.end], axis=1).reshape(-1, 3)
-    for column in places.T:
+    for column, first in zip(places.T, begin, strict=True):
         unknown = np.isnan(column)
         known = np.flatnonzero(~unknown)
         last = np.searchsorted(known, np.flatnonzero(unknown)) - 1
-        column[unknown] = np.where(last >= 0, column[known[last]], 0.0) if known.size else 0.0
+        column[unknown] = np.where(last >= 0, column[known[last]], first) if known.size else first
     pairs = places.reshape(-1, 2, 3)
     return np.ascontiguousarray(pairs[:, 0]), np.ascontiguousarray(pairs[:, 1])
 
