@@ -294,7 +294,9 @@ def _shifted(
 def _left_off(motions: Motions, path: ProgramPath, column: int, asked: Collection[int]) -> dict[int, int]:
     """Tell of some motions, those of a path, which was the last up to there that moved an axis; maybe itself."""
     moves = np.flatnonzero(np.abs(motions.end[path.motion, column] - motions.start[path.motion, column]) > STILL)
-    own = np.intersect1d(path.motion, np.array([*asked], dtype=path.motion.dtype))
-    last = np.searchsorted(moves, np.searchsorted(path.motion, own), side="right") - 1
+    own = np.unique(np.array([*asked], dtype=path.motion.dtype))
+    row = np.minimum(np.searchsorted(path.motion, own), path.motion.size - 1)
+    own, row = own[path.motion[row] == own], row[path.motion[row] == own]
+    last = np.searchsorted(moves, row, side="right") - 1
     found = path.motion[np.where(last >= 0, moves[last], 0)] if moves.size else np.full(own.size, path.motion[0])
     return dict(zip(own.tolist(), found.tolist(), strict=True))

@@ -107,10 +107,10 @@ class _Assembly:
         """Feed of every row [m/s], 0 of rapids; of inverse times what their length makes of them."""
         feed, duration = self.motions.feed[self.rows].copy(), self.motions.duration[self.rows]
         timed = np.flatnonzero((duration > 0.0) & (self.motions.kind[self.rows] != RAPID))
-        length = np.linalg.norm(end - start, axis=1)
-        for row in timed[~self.is_line[timed]].tolist():
-            length[row] = sum(curve.length for curve in self._curves(row))
-        feed[timed] = length[timed] / duration[timed]
+        length = np.linalg.norm(end[timed] - start[timed], axis=1)
+        for place in np.flatnonzero(~self.is_line[timed]).tolist():
+            length[place] = sum(curve.length for curve in self._curves(int(timed[place])))
+        feed[timed] = length / duration[timed]
         return _grouped(feed, self.is_line)
 
     def _fit(self) -> PolylineFit:

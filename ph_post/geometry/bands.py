@@ -16,6 +16,12 @@ from ph_post.types import Array, IntArray
 STEP: Final = 1e-8
 """Steps of a band that are shorter in all [m] are one: at rests and at ends a command comes to a place for long."""
 
+THINNED: Final = 1e-6
+"""Steps of a band [m] up to which several that are straight are one: what it takes is not up to how slow a way is."""
+
+STRAIGHT: Final = 1e-10
+"""Distance [m] from the straight way within which such steps are."""
+
 FLAT: Final = 1e-12
 """Squared sine of a triangle's angle below which its edges are all that there is of it."""
 
@@ -35,6 +41,8 @@ class Band:
         steps = [np.sqrt((np.diff(way, axis=0) ** 2).sum(axis=1)) for way in (one, other)]
         ways = np.concatenate([[0.0], np.cumsum(np.maximum(*steps))])
         self._kept = np.flatnonzero(np.diff(np.floor(ways / STEP), prepend=-1.0))
+        kept = (np.ascontiguousarray(values[self._kept]) for values in (one, other, ways))
+        self._kept = self._kept[_needed(*kept)]
         self._one, self._other, self._ways = (np.ascontiguousarray(values[self._kept]) for values in (one, other, ways))
 
     def distances(self, points: Array, rows: IntArray, reach: float) -> Array:
@@ -63,6 +71,37 @@ class Band:
         """
         near = np.searchsorted(self._kept, rows, side="right") - 1
         return _distances(np.ascontiguousarray(points), near, self._one, self._other, self._ways, reach)
+
+
+@compiled
+def _needed(one: Array, other: Array, ways: Array) -> IntArray:
+    """Return the rows without which a band would be another, the first and the last among them."""
+    kept, count, row = np.empty(ways.size, dtype=np.int64), 0, 0
+    while row < ways.size:
+        kept[count], span = row, 1
+        count += 1
+        while row + 2 * span < ways.size and ways[row + 2 * span] - ways[row] <= THINNED:
+            if not _is_straight(one, other, ways, row, row + 2 * span):
+                break
+            span *= 2
+        row += span
+    return kept[:count]
+
+
+@inner
+def _is_straight(one: Array, other: Array, ways: Array, first: int, last: int) -> bool:
+    """Return whether both ways go straight on between two rows, side by side."""
+    for axis in range(3):
+        begin, way = one[first, axis], one[last, axis] - one[first, axis]
+        other_begin, other_way = other[first, axis], other[last, axis] - other[first, axis]
+        if abs(way - other_way) > STRAIGHT:
+            return False
+        for row in range(first + 1, last):
+            share = (ways[row] - ways[first]) / (ways[last] - ways[first])
+            off = abs(one[row, axis] - begin - share * way)
+            if max(off, abs(other[row, axis] - other_begin - share * other_way)) > STRAIGHT:
+                return False
+    return True
 
 
 @compiled

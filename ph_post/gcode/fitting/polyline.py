@@ -14,6 +14,9 @@ from ph_post.gcode.fitting.hermite import fill_pieces, write_interpolants
 from ph_post.gcode.fitting.samples import ROUND, SMOOTH, STRAIGHT, PolylineFit, mark_corners
 from ph_post.types import Array, BoolArray, IntArray
 
+SPACE: Final = 3
+"""Coordinates of a vertex."""
+
 BASE: Final = 64.0
 """Points that a tangent is taken from are so many tolerances apart at least: it then errs by a hundredth of a
 radian at most where every one of them is off by a whole tolerance."""
@@ -191,8 +194,10 @@ def fit_polyline(
     >>> fit.kind.tolist() == [ROUND], round(float(fit.circle[0, 2]), 12)
     (True, 0.02)
     """
-    vertices = np.zeros((len(points), 3))
-    vertices[:, : points.shape[1]] = points
+    vertices = np.ascontiguousarray(points, dtype=np.float64)
+    if points.shape[1] < SPACE:
+        vertices = np.zeros((len(points), SPACE))
+        vertices[:, : points.shape[1]] = points
     none = np.zeros(len(points), dtype=np.bool_)
     stops = none if cuts is None else cuts
     corners, lines = mark_corners(vertices, tolerance, none if sharp is None else sharp)
@@ -210,6 +215,7 @@ def fit_polyline(
     control[smooth], speed[smooth], degree[smooth] = write_interpolants(
         vertices, along, turn, tangent, first[smooth], last[smooth], tolerance, foot
     )
+    del tangent, along, turn  # as large as the program
     _place_feet(vertices, kind, first, last, circle, foot)
     return PolylineFit(
         kind=kind,
@@ -226,13 +232,12 @@ def fit_polyline(
 def _place_feet(points: Array, kind: IntArray, first: IntArray, last: IntArray, circle: Array, foot: Array) -> None:
     """Find where the vertices are on lines and arcs, and at the ends of all pieces."""
     piece = np.repeat(np.arange(kind.size), last - first)
-    start, end = points[first[piece]], points[last[piece]]
-    here = points[:-1]
-    straight = np.flatnonzero(kind[piece] == STRAIGHT)
-    way = (end - start)[straight]
-    foot[straight] = ((here - start)[straight] * way).sum(axis=1) / (way * way).sum(axis=1)
-    bent = np.flatnonzero(kind[piece] == ROUND)
+    straight, bent = (np.flatnonzero(kind[piece] == one) for one in (STRAIGHT, ROUND))
+    start = points[first[piece[straight]]]
+    way = points[last[piece[straight]]] - start
+    foot[straight] = ((points[straight] - start) * way).sum(axis=1) / (way * way).sum(axis=1)
     center, sense = circle[piece[bent], :2], circle[piece[bent], 3]
-    total, part = (swept_angle(start[bent, :2] - center, one[bent, :2] - center, sense) for one in (end, here))
+    start, end, here = (points[rows, :2] - center for rows in (first[piece[bent]], last[piece[bent]], bent))
+    total, part = (swept_angle(start, one, sense) for one in (end, here))
     foot[bent] = part / total
     foot[first], foot[-1] = 0.0, 1.0
