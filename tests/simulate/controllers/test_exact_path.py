@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from ph_post.simulate.controllers.chords import chord_counts, straight_blocks
 from ph_post.simulate.controllers.deviation import program_error
 from ph_post.simulate.controllers.exact_path import plan_trapezoids
 from ph_post.simulate.controllers.moves import limit_table, written_legs
-from ph_post.simulate.controllers.run import run_program
+from ph_post.simulate.controllers.run import PlannedRun, run_program
 from ph_post.types import Command, ExactPath, GrblCorner, JerkCorner, Machine, MarlinCorner, PlannerSettings
 
 RATES, PUSHES = (50.0, 40.0, 10.0), (500.0, 400.0, 100.0)
@@ -228,3 +229,40 @@ def test_a_circle_with_backlash_is_off_by_what_others_measured() -> None:
     assert found.rms == pytest.approx(14.8e-6, abs=0.1e-6)
     rapid, circles = 0.02 / 0.05 + 0.05 / 0.5, 2.0 * math.tau * 0.02 / 0.02 + 0.02 / 0.5
     assert command.t[-1] == pytest.approx(rapid + circles, rel=3e-3)
+
+
+IN_PARTS = (
+    "G28",
+    "G4 P0.2",
+    "G1 X5 F600",
+    "Y3",
+    "G4 P0.1",
+    "G2 X9 Y7 I4",
+    "M3 S100",
+    "M5",
+    "G1 X9",
+    "Z1",
+    "G5 I1 J2 P-1 Q-2 X12 Y9",
+    "G28",
+    "G0 X1",
+    "G1 X3 Y2",
+    "X3",
+    "M2",
+)
+"""Rests at what has no way, splines, and places that nobody knows."""
+
+
+@pytest.mark.parametrize("dialect", ["grblhal", "marlin", "klipper"])
+@pytest.mark.parametrize("room", [1, 3, 5])
+def test_the_parts_in_which_a_program_is_planned_do_not_show(dialect, room, monkeypatch):
+    machine = machine_for(dialect)
+    part = program(*IN_PARTS, dialect=dialect)
+    whole = run_program(part, machine)
+    monkeypatch.setattr(sys.modules[PlannedRun.__module__], "ROOM", room)
+    found = PlannedRun(part, machine)
+    command = found.command()
+    for name in ("position", "segment", "xi", "s"):
+        assert np.array_equal(getattr(command, name), getattr(whole, name)), name
+    timed = PlannedRun(part, machine, longest=0.0)
+    assert timed.time == found.time == whole.t[-1]
+    assert np.array_equal(timed.command().position, whole.position)
