@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from ph_post.api.options import CompensateOptions
 from ph_post.dialects.declaration import read_declaration
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
-from ph_post.expand.expand import ExpandError, Expansion, Folders, expand
 from ph_post.expand.macro import FanucNumbers
 from ph_post.expand.tools import ToolShape, tools_of_table
 from ph_post.expand.writing import EXPANDED, Written
@@ -19,6 +18,9 @@ from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
 from ph_post.gcode.words import lines_of
 from ph_post.units import MM
+
+if TYPE_CHECKING:
+    from ph_post.expand.expand import Expansion
 
 WRITTEN_AS_LINUXCNC: Final = ("linuxcnc", "grbl", "grblhal")
 """Dialects whose programs are written out as LinuxCNC would run them."""
@@ -51,6 +53,8 @@ def expanded_job(
     """
     if not options.expand or read_declaration(job.data) is not None or EXPANDED.first(job.data) >= 0:
         return job, ()
+    from ph_post.expand.expand import ExpandError, Folders, expand  # 20 modules, of no use to most programs
+
     parameters = None if options.parameters is None else read_parameters(options.parameters)
     tools = None if options.tool_table is None else read_tools(options.tool_table)
     base = dialect.split("+", maxsplit=1)[0]
@@ -159,22 +163,27 @@ def written_out(original: PartProgram, compensated: PartProgram) -> PartProgram:
         if kept is None or kept.original != original.data:
             return original
         again = _again(original, kept)
-    except (InputError, ExpandError):
+    except InputError:
         return original
-    return reread(original, again) if again == plain.data else original
+    return reread(original, plain.data) if again == plain.data else original
 
 
-def _again(original: PartProgram, kept: Written) -> bytes:
+def _again(original: PartProgram, kept: Written) -> bytes | None:
+    """Write the original out as it was; None where it cannot be any more."""
+    from ph_post.expand.expand import ExpandError, Folders, expand
+
     folders = Folders(known=kept.files)
-    again = expand(
-        original.data,
-        original.name,
-        folders,
-        fanuc=kept.fanuc,
-        sinumerik=kept.sinumerik,
-        klartext=kept.klartext,
-        parameters=kept.parameters,
-        tools=kept.tools,
-        inches=kept.inches,
-    )
-    return again.data
+    try:
+        return expand(
+            original.data,
+            original.name,
+            folders,
+            fanuc=kept.fanuc,
+            sinumerik=kept.sinumerik,
+            klartext=kept.klartext,
+            parameters=kept.parameters,
+            tools=kept.tools,
+            inches=kept.inches,
+        ).data
+    except ExpandError:
+        return None
