@@ -260,12 +260,13 @@ def _is_short(problem: AxisProblem, part: ModelPart) -> bool:
     """Return whether a delay or a filter is so short that it rests on what a command does between its rows.
 
     A filter differs from a delay by the variance of its impulse response: T² of an exponential one, T²/12 of a moving
-    average; a delay could be a moving average of twice its length.
+    average. A delay could be a moving average of twice its length, of whose variance, a third of the delay's square,
+    the loop's gains may take up half.
     """
     if part.hypothesis.name not in TIMING:
         return False
     square = part.numbers[0] ** 2
-    smears = {"moving_average": square / 12.0, "exponential_filter": square}.get(part.hypothesis.variant, square / 3.0)
+    smears = {"moving_average": square / 12.0, "exponential_filter": square}.get(part.hypothesis.variant, square / 6.0)
     return smears <= (TOLD if problem.parts == 1 else TOLD_LAID) * (problem.period / problem.parts) ** 2
 
 
@@ -275,12 +276,11 @@ def _equals(
     """Names whose score is that of a part, but for those that merely contain it."""
     name = part.hypothesis.name
     margin = _margin(problem, last, mine)
-    short = _is_short(problem, part)
-    found = (
+    found = [
         one.hypothesis.name
         for one in ranking
-        if (one.score > mine - margin or (short and one.hypothesis.name in TIMING and at_floor(problem, one.fitted)))
-        and one.hypothesis.name != name
-        and name not in one.hypothesis.within
-    )
+        if one.score > mine - margin and one.hypothesis.name != name and name not in one.hypothesis.within
+    ]
+    if _is_short(problem, part):
+        found += [one.name for one in hypotheses(problem) if one.name in TIMING and one.name != name]
     return tuple(dict.fromkeys(found))
