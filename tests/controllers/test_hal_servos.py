@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+import re
 import shlex
 from pathlib import Path
 
@@ -59,7 +61,16 @@ def circle_error(file: Path, machine: Machine) -> Array:
     return off[(np.abs(off) < 0.1) & (np.hypot(x - RADIUS, y) > 0.5)] * MM / MICROMETRE
 
 
-def test_the_way_from_a_log_to_less_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def hide_backlash(found: str, hidden: str) -> None:
+    """Write a machine file that knows of no backlash of X, and all else."""
+    text, count = re.subn(r"(?m)^lost_motion_mm = .*$", "lost_motion_mm = 0.0", Path(found).read_text(), count=1)
+    assert count == 1
+    Path(hidden).write_text(text)
+
+
+def test_the_way_from_a_log_to_less_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     Path("servos.hal").write_text(hal_text(SERVOS, ()))
     run(NEW)
@@ -82,6 +93,14 @@ def test_the_way_from_a_log_to_less_error(tmp_path: Path, monkeypatch: pytest.Mo
     assert found.servo.cascade.position_gain == pytest.approx(SERVO.p, rel=0.1)
     assert found.servo.cascade.velocity_feedforward == pytest.approx(SERVO.ff1, abs=0.02)
     assert found.gap.lost_motion / MM == pytest.approx(SERVO.gap, abs=SERVO.count)
+
+    hide_backlash("found.toml", "hidden.toml")
+    capsys.readouterr()
+    run(f"diagnose kit/fast_x.txt -m hidden.toml {columns} -o diagnosed.toml --json")
+    diagnosis = json.loads(capsys.readouterr().out)
+    assert diagnosis["verdict"] == "named"
+    assert [(one["name"], one["axis"]) for one in diagnosis["findings"]] == [("backlash", "X")]
+    assert read_machine("diagnosed.toml").axes["X"].gap.lost_motion / MM == pytest.approx(SERVO.gap, abs=SERVO.count)
 
     as_x_too("found.toml", "both.toml")
     Path("part.ngc").write_text(CIRCLES)
