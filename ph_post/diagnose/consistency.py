@@ -60,6 +60,26 @@ def disagreement(problem: AxisProblem, fitted: FittedModel, number: int) -> Disa
     return worst
 
 
+def sides_factor(problem: AxisProblem, fitted: FittedModel, number: int) -> float | None:
+    """Return how much the log shows of a part between motor and table, over what the model has of it there.
+
+    The difference of both readings knows no servo: a spring or an error of a reading that only makes up for a wrong
+    servo is not in it. None where not both sides were read, or the part does not part them.
+    """
+    if problem.side != "table" or not (problem.has("act") and problem.has("motor")):
+        return None
+    table, motor = problem.channel("act"), problem.channel("motor")
+    use = problem.counted & table.ok & motor.ok
+    without = residuals_of(problem, without_part(fitted.model, number, restored=True))
+    there, gone = ((left["act"] - left["motor"])[use] for left in (fitted.left, without))
+    adds = gone - there
+    adds = adds - np.mean(adds)
+    square = float(adds @ adds)
+    if square < np.hypot(table.noise, motor.noise) ** 2 * adds.size:
+        return None
+    return float(adds @ gone) / square
+
+
 def _others(fitted: FittedModel, number: int, rows: int) -> Array:
     """Return a basis (rows, k) of what base values and the other parts can make."""
     counts = [len(part.numbers) for part in fitted.model.parts]

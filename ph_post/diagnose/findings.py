@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.consistency import MOST, disagreement
+from ph_post.diagnose.consistency import MOST, disagreement, sides_factor
 from ph_post.diagnose.fit import FittedModel, ModelPart, covariance, fit_model, plant_at
 from ph_post.diagnose.hypotheses import OF_THE_AXIS
 from ph_post.diagnose.search import with_noise
@@ -53,6 +53,9 @@ SURE: Final = 5.0
 
 SAME_GAP: Final = 0.05
 """Part by which it is another at least."""
+
+MOST_BETWEEN: Final = 0.5
+"""Part by which the size of an effect between motor and table may differ from what both readings show there."""
 
 EXPLAINED: Final = 0.92
 """Part of the excess that names explain together, from which on each is taken to be right."""
@@ -132,7 +135,14 @@ def _between_sides(problem: AxisProblem, fitted: FittedModel) -> tuple[SidesGap 
 def _doubtful(choice: ModelChoice, fitted: FittedModel) -> tuple[int, str] | None:
     """Return the part of a model that agrees least with itself, and why, where much is left; None where none does."""
     parts = fitted.model.parts
-    if not parts or not _leaves_much(choice, fitted):
+    before, after, noise = _squares(choice, fitted)
+    if not parts or after <= LEFT**2 * noise:
+        return None
+    for number in range(len(parts)):
+        factor = sides_factor(choice.problem, fitted, number)
+        if factor is not None and abs(factor - 1.0) > MOST_BETWEEN:
+            return number, f"between motor and table the log shows {factor:.2g} times as much of it as the model"
+    if after - noise <= (1.0 - EXPLAINED) * (before - noise):
         return None
     found = [disagreement(choice.problem, fitted, number) for number in range(len(parts))]
     worst = max(range(len(parts)), key=lambda number: abs(found[number].factor - 1.0))
@@ -141,15 +151,14 @@ def _doubtful(choice: ModelChoice, fitted: FittedModel) -> tuple[int, str] | Non
     return worst, f"{found[worst].regime} the log shows {found[worst].factor:.2g} times as much of it as all in all"
 
 
-def _leaves_much(choice: ModelChoice, fitted: FittedModel) -> bool:
-    """Return whether names leave far more than noise of the positions, and not little of what there was to explain."""
+def _squares(choice: ModelChoice, fitted: FittedModel) -> Array:
+    """Sum the mean squares of the positions: what the file leaves, what the model leaves, and the noise."""
     squares = np.zeros(3)
     for one in choice.problem.positions:
         use = choice.problem.counted & one.ok
         before, after = (mean_square(left[one.channel], use) for left in (choice.stages[0].left, fitted.left))
         squares += before, after, one.noise**2
-    before, after, noise = squares
-    return bool(after > LEFT**2 * noise and after - noise > (1.0 - EXPLAINED) * (before - noise))
+    return squares
 
 
 def _found(problem: AxisProblem, part: ModelPart, spread: Array) -> FittedEffect:

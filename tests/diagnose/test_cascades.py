@@ -79,6 +79,19 @@ def test_hidden_effects(hidden: Callable[[], Log], expected: dict[str, float]) -
     assert found.steps[-1].holdout_rms < 1.5 * NOISE
 
 
+@pytest.mark.slow
+def test_an_integral_time_that_the_file_lacks() -> None:
+    """As of a file made from the gains of LinuxCNC's `pid`, which knows nothing of the drive behind it."""
+    found = diagnose(record(KNOWN, gap=2e-5), machine_of(dataclasses.replace(KNOWN, tn=math.inf, wv=100.0)))
+    servo, backlash = sorted(found.findings, key=lambda one: one.name, reverse=True)
+    assert (servo.name, backlash.name) == ("servo_mismatch", "backlash")
+    values = {name: one.value for name, one in servo.parameters.items()}
+    assert values["velocity_integral_time"] == pytest.approx(12.0, rel=0.02)
+    assert values["velocity_gain"] == pytest.approx(KNOWN.wv, rel=0.02)
+    assert backlash.parameters["lost_motion"].value == pytest.approx(0.020, rel=0.01)
+    assert found.steps[-1].holdout_rms < 1.5 * NOISE
+
+
 @pytest.mark.parametrize("every", [4, 10])
 def test_what_a_force_shows_between_far_rows_counts_as_noise(every: int) -> None:
     """What is left of it by the true model is no more than that, and not a small part of it."""

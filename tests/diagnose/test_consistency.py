@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import signal
 from support.engine_cases import make_axis, make_machine
 
-from ph_post.diagnose.consistency import MOST, disagreement
-from ph_post.diagnose.fit import base_model, fit_model
+from ph_post.diagnose.consistency import MOST, disagreement, sides_factor
+from ph_post.diagnose.fit import FittedModel, base_model, fit_model, residuals_of
 from ph_post.diagnose.hypotheses import hypotheses
 from ph_post.diagnose.search import with_part
-from ph_post.identify.free_run import problem_of
+from ph_post.identify.free_run import AxisProblem, problem_of
 from ph_post.identify.log_quality import examine
 from ph_post.types import AxisLog, Log
 
@@ -33,8 +35,8 @@ def servo() -> Array:
     return np.asarray(signal.lsim((a, [[0.0], [1.0 / B]], [[1.0, 0.0]], 0.0), command(), T)[1])
 
 
-def fitted_backlash(missing: Array) -> float:
-    """By how much a fitted backlash differs between regimes, where that is missing from the model of the table."""
+def logged(missing: Array) -> AxisProblem:
+    """A log of both sides, where that is missing from the model of the table."""
     linear = servo()
     noise = 0.2 * UM * np.random.default_rng(1).standard_normal((2, T.size))
     axes = {"X": AxisLog(command=command(), table=linear + missing + noise[0], motor=linear + noise[1])}
@@ -42,9 +44,35 @@ def fitted_backlash(missing: Array) -> float:
     machine = make_machine([make_axis("motor", B, C, 0.0)], 1e-3)
     problem = problem_of(log, "X", machine.axes["X"], examine(log, machine))
     assert problem is not None
+    return problem
+
+
+def fitted_backlash(missing: Array) -> float:
+    """By how much a fitted backlash differs between regimes, where that is missing from the model of the table."""
+    problem = logged(missing)
     backlash = next(one for one in hypotheses(problem) if one.name == "backlash")
     model = with_part(base_model(problem), backlash, (2e-5,))
     return disagreement(problem, fit_model(problem, model, problem.counted), 0).factor
+
+
+def spring_by_both_sides(missing: Array, resonance: float) -> float | None:
+    """How much of a spring of that resonance [Hz] both sides show, over what a model has of it."""
+    problem = logged(missing)
+    spring = next(one for one in hypotheses(problem) if one.name == "elastic_windup")
+    model = with_part(base_model(problem), spring, (math.log(2.0 * math.pi * resonance), 0.1))
+    left = residuals_of(problem, model)
+    return sides_factor(
+        problem, FittedModel(model=model, left=left, jacobian=np.zeros((0, 0)), unknowns=np.zeros(0)), 0
+    )
+
+
+def test_a_spring_is_as_soft_as_both_sides_show() -> None:
+    """The table is behind its motor by its acceleration over the square of the resonance."""
+    bend = -np.gradient(np.gradient(servo(), 1e-3), 1e-3) / (2.0 * np.pi * 20.0) ** 2
+    assert spring_by_both_sides(bend, 20.0) == pytest.approx(1.0, abs=0.05)
+    assert spring_by_both_sides(2.0 * bend, 20.0) == pytest.approx(2.0, abs=0.1)
+    assert spring_by_both_sides(np.zeros(T.size), 20.0) == pytest.approx(0.0, abs=0.05)
+    assert spring_by_both_sides(np.zeros(T.size), 500.0) is None
 
 
 def play(gap: float) -> Array:

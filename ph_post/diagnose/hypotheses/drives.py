@@ -25,6 +25,7 @@ from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant, base_value, with_base_value
 from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, FITTED
 from ph_post.identify.free_run import AxisProblem, efforts
+from ph_post.types import Cascade
 
 MOST_GAP: Final = 5e-3
 """Widest gap tried [m]."""
@@ -162,21 +163,24 @@ MISMATCH = Hypothesis(
 
 
 def _gains(problem: AxisProblem) -> tuple[str, ...]:
-    """List the numbers of an axis' cascade that may be off, by name."""
+    """List the numbers of an axis' cascade that may be off, or missing as T_n, by name."""
     cascade = problem.plant.cascade
     assert cascade is not None
-    return tuple(name for name in FITTED if CASCADE_NUMBERS[name].of(cascade))
+    return tuple(name for name in FITTED if name == "velocity_integral_time" or CASCADE_NUMBERS[name].of(cascade))
 
 
-def _cascade_mismatch(names: tuple[str, ...], variant: str = "", within: tuple[str, ...] = ()) -> Hypothesis:
-    """Return the hypothesis that numbers of a cascade are off: a part of what they are, of feed-forward and delay."""
+def _cascade_mismatch(
+    cascade: Cascade, names: tuple[str, ...], variant: str = "", within: tuple[str, ...] = ()
+) -> Hypothesis:
+    """Return the hypothesis that numbers of a cascade are off: a part of what they are, of those in ADDED a sum."""
     fields = tuple(CASCADE_NUMBERS[name].field for name in names)
+    added = {field: bounds for field, bounds in ADDED.items() if field != INTEGRAL or not cascade.integral_rate}
 
     def put(plant: Plant, numbers: Numbers) -> Plant:
         for field, more in zip(fields, numbers, strict=True):
             value = base_value(plant, field)
-            added = field in ADDED
-            plant = with_base_value(plant, field, max(value + more, 0.0) if added else value * math.exp(more))
+            changed = max(value + more, 0.0) if field in added else value * math.exp(more)
+            plant = with_base_value(plant, field, changed)
         return plant
 
     def values(problem: AxisProblem, numbers: Numbers) -> dict[str, float]:
@@ -188,12 +192,12 @@ def _cascade_mismatch(names: tuple[str, ...], variant: str = "", within: tuple[s
         name="servo_mismatch",
         variant=variant,
         numbers=tuple(
-            HypothesisNumber(name=field, low=-far, high=far, scale=0.02 * far, linear=True)
+            HypothesisNumber(name=field, low=low, high=high, scale=0.02 * high, linear=True)
             for field in fields
-            for far in (ADDED.get(field, FARTHEST),)
+            for low, high in (added.get(field, (-FARTHEST, FARTHEST)),)
         ),
         apply=put,
-        starts=lambda _problem, _left: [tuple(0.01 * ADDED.get(field, FARTHEST) for field in fields)],
+        starts=lambda _problem, _left: [tuple(0.01 * added.get(field, (0.0, FARTHEST))[1] for field in fields)],
         values=values,
         within=within,
         replaces=fields,
@@ -201,8 +205,11 @@ def _cascade_mismatch(names: tuple[str, ...], variant: str = "", within: tuple[s
     )
 
 
-ADDED: Final = {"velocity_feedforward": 1.0, "dead_time": 0.02}
-"""Most that is added to numbers of a cascade which may be 0; gains are multiplied."""
+INTEGRAL: Final = "integral_rate"
+"""One over T_n: it is added to where the file has none."""
+
+ADDED: Final = {"velocity_feedforward": (-1.0, 1.0), "dead_time": (-0.02, 0.02), INTEGRAL: (0.2, 500.0)}
+"""Least and most that is added to numbers of a cascade which may be 0; gains are multiplied."""
 
 LONGEST_FILTER: Final = 0.2
 """Longest filter of a command [s]."""
@@ -237,8 +244,9 @@ def _servo_hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:
     """Hypotheses about the numbers of a servo: of a cascade also that its feed-forward alone is off."""
     if problem.plant.cascade is None:
         return (MISMATCH,)
-    forward = _cascade_mismatch(("velocity_feedforward",), "feed-forward")
-    return forward, _cascade_mismatch(_gains(problem), within=(forward.name,))
+    cascade = problem.plant.cascade
+    forward = _cascade_mismatch(cascade, ("velocity_feedforward",), "feed-forward")
+    return forward, _cascade_mismatch(cascade, _gains(problem), within=(forward.name,))
 
 
 def _rigid(problem: AxisProblem) -> str:
