@@ -16,6 +16,7 @@ from ph_post.api.results import ProgramMotion
 from ph_post.compensate.options import PlanOptions
 from ph_post.dialects.declaration import Declaration, read_declaration
 from ph_post.edit.edits import EditOptions, Edits
+from ph_post.edit.preconditions import reckoned_feeds
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.errors import PhPostError
 from ph_post.gcode.paths import line_words
@@ -85,13 +86,14 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Return the motions before and after on models of controller and drives; one twice where nothing changed."""
         if self.motions is not None:
             return self.motions
-        before = ProgramMotion(self.before, self.before, machine, "original", progress)
+        plain, made = (reckoned_feeds(program, machine) for program in (self.before, self.after))
+        before = ProgramMotion(plain, plain, machine, "original", progress)
         if self.after.data == self.before.data:
             return before, before
         name, declared = "compensated program", self.declaration or read_declaration(self.after.data)
         if declared is not None and declared.led:
-            return before, ProgramMotion(self.after, self.before, machine, name, progress, led=True)
-        return before, ProgramMotion(self.after, self.before, machine, name, progress, before)
+            return before, ProgramMotion(made, plain, machine, name, progress, led=True)
+        return before, ProgramMotion(made, plain, machine, name, progress, before)
 
     @property
     def warnings(self) -> tuple[str, ...]:

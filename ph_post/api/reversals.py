@@ -14,6 +14,7 @@ from ph_post.api.results import AxisReversals, count_reversals
 from ph_post.compensate.comparison import PASSED, crossings_at, strategy_at, window_number
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP
 from ph_post.edit.edits import Edits
+from ph_post.edit.preconditions import reckoned_feeds
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.gcode.paths import ProgramPath, paths_of
 from ph_post.gcode.program import AXES, LINE, RAPID, Motions
@@ -74,7 +75,7 @@ def program_reversals(found: CompensatedProgram, machine: Machine, tolerance: fl
     changes = None if edits is None or not edits.followed else _changes_of(edits)
     return [
         one
-        for path in paths_of(found.before)
+        for path in paths_of(reckoned_feeds(found.before, machine))
         for one in _of_path(found, path, analyse(path.path, machine, tolerance), done, changes)
     ]
 
