@@ -36,6 +36,9 @@ from ph_post.types import Axis, Crossing, Jog, Machine, Scenario
 MOST_APPROACH: Final = 0.5
 """Part of the time allowed that may be spent before the path begins."""
 
+MOST_PUSH: Final = 0.8
+"""The same of pushing axes onto their sides whose gap is inside their loop, in a plan that is raced beside others."""
+
 LITTLE: Final = 0.05
 """Part of the time allowed that axes may be pushed for first without the same being tried without that."""
 
@@ -101,7 +104,7 @@ def choose(task: PlanningTask, *choices: Choice, offsets: bool, lead: bool, race
     if any(one.design.stop for own in merged for one in own):
         rivals += [chooser.propose([[one for one in own if not one.design.stop] for own in merged])]
     if chooser.pushing > LITTLE * task.allowed:
-        rivals += [chooser.propose(merged, pushes_first=False)]
+        rivals += [chooser.propose(merged, pushes_first=not chooser.pushes_first)]
     return msgspec.structs.replace(result, rivals=(*rivals, *chooser.smooth_offsets()))
 
 
@@ -152,6 +155,7 @@ class _Chooser:
         self.friction_first = self._friction_first()
         self.winding = self._approach()
         self.pushing = self._pushing()
+        self.pushes_first = self.pushing > 0.0 and self._as_approach(self.pushing) > 0.0
         pairs = zip(self.places, self.reversing, strict=True)
         self.active = max(sum(place is not None and bool(drives) for place, drives in pairs), 1)
 
@@ -182,11 +186,11 @@ class _Chooser:
         if not (self.offsets and task.options.pushes_first) or self.written or task.options.start == "moving":
             return 0.0
         pushes = first_pushes(self.track, self.sized, task.turning_points, self._turned)
-        return self._as_approach(max((one.end for one in pushes), default=0.0))
+        return self._as_approach(max((one.end for one in pushes), default=0.0), MOST_PUSH)
 
-    def _as_approach(self, duration: float) -> float:
-        """Return a time before the path [s] if that leaves most of the time allowed, else 0."""
-        return duration if duration <= MOST_APPROACH * self.task.allowed else 0.0
+    def _as_approach(self, duration: float, most: float = MOST_APPROACH) -> float:
+        """Return a time before the path [s] if that leaves enough of the time allowed, else 0."""
+        return duration if duration <= most * self.task.allowed else 0.0
 
     def _friction_first(self) -> float:
         """Time that friction is led for before the path begins, where that leaves most of the time allowed [s]."""
@@ -226,9 +230,10 @@ class _Chooser:
         return found
 
     def propose(
-        self, found: Sequence[Sequence[TriedDesign]], part: float = 1.0, *, pushes_first: bool = True
+        self, found: Sequence[Sequence[TriedDesign]], part: float = 1.0, *, pushes_first: bool | None = None
     ) -> StrategyResult:
         """Share the time out where it does most, a part of what is allowed."""
+        pushes_first = self.pushes_first if pushes_first is None else pushes_first
         time = self._time_for_designs(part, pushes_first=pushes_first)
         picks = allocate(found, time, [self._left_alone(number) for number in range(len(found))])
         if self.task.options.max_standstill is not None:
@@ -240,13 +245,13 @@ class _Chooser:
             shorter=lambda less: self.propose(found, less, pushes_first=pushes_first),
             shifted=self._behind(),
             winds_up=self.winding > 0.0,
-            pushes_first=pushes_first and self.pushing > 0.0,
+            pushes_first=pushes_first,
             friction_part=1.0 if self.friction else 0.0,
             friction_first=self.friction_first,
             crosses_by=BARE.name,
         )
 
-    def _time_for_designs(self, part: float = 1.0, *, pushes_first: bool = True) -> float:
+    def _time_for_designs(self, part: float = 1.0, *, pushes_first: bool) -> float:
         """Time that is left of a part of what is allowed when the path begins [s]."""
         approach = max(self.winding, self.friction_first, self.pushing if pushes_first else 0.0)
         return SPARE * part * self.task.allowed - approach
@@ -393,7 +398,7 @@ class _Chooser:
     def _case(self, place: Surroundings, number: int) -> ReversalCase:
         """Make the case of a window, with an equal share of the time."""
         drives = self.reversing[number]
-        budget = self._time_for_designs() / self.active
+        budget = self._time_for_designs(pushes_first=self.pushes_first) / self.active
         shortest = {axis.name: shortest_crossing(axis, self.lead, self.period) for axis, _ in drives}
         axes = self.task.path.axes
         longest = max(

@@ -295,6 +295,8 @@ class FeedPlanner:
         Part of the inverse dynamics for which the motion leaves room: the limits hold for the command with it.
     tail : float
         Rest behind the end of such a motion [s].
+    jerk : float
+        Times the limits of the jerk that it is planned with before it is smoothed, which takes the peaks off.
 
     Attributes
     ----------
@@ -307,14 +309,21 @@ class FeedPlanner:
     """
 
     def __init__(
-        self, track: Track, machine: Machine, stops: Array, moving: bool, lead: float = 0.0, tail: float = 0.0
+        self,
+        track: Track,
+        machine: Machine,
+        stops: Array,
+        moving: bool,
+        lead: float = 0.0,
+        tail: float = 0.0,
+        jerk: float = 1.0,
     ) -> None:
         self.track = track
         self.limits = axis_limits(track.path.axes, machine, machine.servo_period)
         _check_feeds(track, self.limits)
         window = lead_window(machine, track.path.axes) if lead > 0.0 else None
         self.room = LeadRoom(track, machine, self.limits, window, stops, lead, tail) if window else None
-        inside = _planned(self.limits, track)
+        inside = _planned(self.limits, track, jerk if window else 1.0)
         caps = build_limit_curve(track, inside, rounded=self.room is not None)
         # Speeds of least time around rounded corners leave no room for a lead.
         self._corners = RoundedCorners(track, inside, caps) if self.room is None else None
@@ -586,8 +595,8 @@ def _with_calm(part: SiteSpan, level: float) -> list[Phase]:
     return [*ahead, *own, *behind]
 
 
-def _planned(limits: AxisLimits, track: Track) -> AxisLimits:
-    """Limits for the planner, a little inside those of the machine."""
+def _planned(limits: AxisLimits, track: Track, jerk: float) -> AxisLimits:
+    """Limits for the planner, a little inside those of the machine, but of the jerk some times that."""
     feeds = [track.path.feed if one.feed is None else one.feed for one in track.path.segments]
     every = np.arange(len(track.pieces))
     extent = float(np.abs(track.derivatives(every, np.zeros(every.size))).max())
@@ -597,4 +606,5 @@ def _planned(limits: AxisLimits, track: Track) -> AxisLimits:
     for order, limit in enumerate(limits.values, start=1):
         shown = np.minimum(noise * (2.0 / limits.period) ** order, _MOST_FOR_ROUNDING * limit)
         planned.append((1.0 - _MARGIN) * limit - shown)
+    planned[2] = jerk * planned[2]
     return AxisLimits(values=frozen(planned), period=limits.period)

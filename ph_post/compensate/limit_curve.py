@@ -248,7 +248,8 @@ class LimitCurve(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def refined(self, spacing: float) -> LimitCurve:
         """Add points where neighbours are farther apart than `spacing` [m], so that each stretch can be slowed alone.
 
-        On a straight line what is between two points is as free as the freer of them: only joints bind there.
+        Between two points everything changes evenly. On a straight line it is as free as at the freer of them: only
+        joints bind there.
         """
         step = np.diff(self.s)
         count = np.ceil(step / spacing).astype(np.int64)
@@ -258,13 +259,14 @@ class LimitCurve(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         part = (np.arange(at.size) - np.repeat(np.cumsum(more) - more, more) + 1.0) / count[at]
         straight = (largest(self.normal[at]) == 0.0) & (largest(self.normal[at + 1]) == 0.0)
 
-        def between(values: Array, strictest: np.ufunc, freest: np.ufunc) -> Array:
+        def between(values: Array, freest: np.ufunc) -> Array:
             low, high = values[at], values[at + 1]
-            free = straight if values.ndim == 1 else straight[:, None]
-            return np.insert(values, at + 1, np.where(free, freest(low, high), strictest(low, high)), axis=0)
+            free, share = (one if values.ndim == 1 else one[:, None] for one in (straight, part))
+            even = low * (1.0 - share) + high * share
+            return np.insert(values, at + 1, np.where(free, freest(low, high), even), axis=0)
 
-        allowed = {name: between(getattr(self, name), np.minimum, np.maximum) for name in _ALLOWED}
-        taken = {name: between(getattr(self, name), np.maximum, np.minimum) for name in _TAKEN}
+        allowed = {name: between(getattr(self, name), np.maximum) for name in _ALLOWED}
+        taken = {name: between(getattr(self, name), np.minimum) for name in _TAKEN}
         place = np.insert(self.s, at + 1, self.s[at] + part * step[at])
         return LimitCurve(s=place, **allowed, **taken)
 

@@ -60,6 +60,9 @@ STEP = 0.01
 ENOUGH = 0.8
 """Part of the time for it that is enough to be taken."""
 
+SHARPER = (1.15, 1.3)
+"""Times the limits of the jerk with which it is planned, before it is smoothed, where the time is short."""
+
 RELAXED = 0.5
 """Power of what a stretch is slowed by for all of the inverse dynamics with which the search for a part begins."""
 
@@ -124,6 +127,19 @@ class BaselinePlan(NamedTuple):
     feed: FeedAlong
 
 
+class LedMotion(NamedTuple):
+    """A motion that leaves room for a part of the inverse dynamics, and how much longer than the plain one it is [s].
+
+    It was planned with `jerk` times the limits of the jerk before it was smoothed.
+    """
+
+    part: float
+    jerk: float
+    longer: float
+    feed_planner: FeedPlanner
+    valid: ValidMotion
+
+
 class Planner:
     """The common parts of all plans of one job: the plain plan along the path, and the baseline to build on.
 
@@ -144,7 +160,7 @@ class Planner:
         corners, infinite, rapids = find_stops(analysis.track)
         cusps = np.array([point.s for point in analysis.turning_points if point.kind == "cusp"])
         self._stops = np.concatenate([corners, infinite, rapids, cusps])
-        self._part, self._tail = 0.0, 0.0
+        self._part, self._tail, self._jerk = 0.0, 0.0, 1.0
         feed_planner = self._feed_planner(0.0, NO_STOPS)
         self.before = feed_planner.settle()
         self._approached: dict[str, int] = {}
@@ -191,7 +207,7 @@ class Planner:
 
     def _feed_planner(self, part: float, stops: Array) -> FeedPlanner:
         every = np.concatenate([self._stops, stops])
-        return FeedPlanner(self.analysis.track, self.machine, every, self.moving, part, self._tail)
+        return FeedPlanner(self.analysis.track, self.machine, every, self.moving, part, self._tail, self._jerk)
 
     def _on(self, feed_planner: FeedPlanner, valid: ValidMotion) -> BaselinePlan:
         period, length = feed_planner.limits.period, self.analysis.track.length
@@ -207,35 +223,39 @@ class Planner:
         self._tail = min(unwinding_time(self.machine, axes, fastest), TAIL_SHARE * allowed)
         share = self._tail + LEAD_SHARE * (allowed - self._tail)
 
-        def tried(part: float) -> tuple[float, FeedPlanner, ValidMotion]:
+        def tried(part: float, jerk: float, known: FeedPlanner | None = None) -> LedMotion:
+            self._jerk = jerk
             feed_planner = self._feed_planner(part, NO_STOPS)
-            if found is not None:
-                feed_planner.learn(found, RELAXED * part)
+            if known is not None:
+                feed_planner.learn(known, RELAXED * part)
             valid = feed_planner.settle()
-            return valid.motion.end - end, feed_planner, valid
+            return LedMotion(part, jerk, valid.motion.end - end, feed_planner, valid)
 
-        found: FeedPlanner | None = None
-        needed, found, valid = tried(1.0)
-        best = (1.0, found, valid) if needed <= share else None
-        low, high, part = (0.0, 0.0), (1.0, needed), 1.0
+        whole = tried(1.0, 1.0)
+        for jerk in SHARPER:
+            if whole.longer <= share or (sharper := tried(1.0, jerk)).longer >= whole.longer:
+                break
+            whole = sharper
+        best = whole if whole.longer <= share else None
+        low, high, part = (0.0, 0.0), (1.0, whole.longer), 1.0
         for _ in range(TRIES if best is None else 0):
             # What it takes grows faster than the part of the lead, so that the chord is below what can be had.
             chord = low[0] + (high[0] - low[0]) * (share - low[1]) / (high[1] - low[1])
             part = round(min(chord + ABOVE * (high[0] - chord), high[0] - STEP), 3)
-            spent, feed_planner, valid = tried(part)
-            if spent <= share:
-                low, best = (part, spent), (part, feed_planner, valid)
-                if spent >= ENOUGH * share:
+            found = tried(part, whole.jerk, whole.feed_planner)
+            if found.longer <= share:
+                low, best = (part, found.longer), found
+                if found.longer >= ENOUGH * share:
                     break
             else:
-                high = (part, spent)
-        if best is None or best[0] < LEAST_PART:
+                high = (part, found.longer)
+        if best is None or best.part < LEAST_PART:
             return
-        self._part, feed_planner, valid = best
-        self.baseline = self._on(feed_planner, valid)
+        self._part, self._jerk = best.part, best.jerk
+        self.baseline = self._on(best.feed_planner, best.valid)
         if self._part < 1.0:
-            slowdown = (self._tail + (needed - self._tail) / LEAD_SHARE) / end
-            self._said = [plan_warnings.lead_time_warning(self._part, needed, slowdown)]
+            slowdown = (self._tail + (whole.longer - self._tail) / LEAD_SHARE) / end
+            self._said = [plan_warnings.lead_time_warning(self._part, whole.longer, slowdown)]
 
     def _baseline_for(self, requests: Sequence[ProfileRequest]) -> BaselinePlan:
         """Return the baseline to build on, at rest where requests want the motion to stop, and slower where they do."""

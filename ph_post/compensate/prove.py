@@ -90,6 +90,7 @@ def prove_in_time(
     planner: Planner,
     checker: Checker,
     known: Mapping[Scenario, Sizes] = {},
+    command: Command | None = None,
 ) -> Proven:
     """Prove a plan for which quicker designs were asked for already, by :func:`in_time`.
 
@@ -101,17 +102,19 @@ def prove_in_time(
         Of the plain program.
     known : mapping, optional
         Sizes of the plan's error in some scenarios.
+    command : Command, optional
+        Of the plan.
     """
     for _ in range(ROUNDS):
         if takes_too_long(plan, planner):
             break
         removable = [k for k, one in enumerate(result.requests) if without_design(one, planner.machine) is not one]
-        blamed = checker.blame(plan, removable, known)
+        blamed = checker.blame(plan, removable, known, command)
         if blamed is None:
             return Proven(plan, result)
         if checker.too_much_friction > 0.0 and plan.friction_part:
             result = replace(result, friction_part=_less_friction(plan.friction_part, checker.too_much_friction))
-            plan, known = planner.plan(plan.strategy, result), {}
+            plan, known, command = planner.plan(plan.strategy, result), {}, None
             continue
         requests = tuple(
             without_design(request, planner.machine) if number in blamed else request
@@ -120,7 +123,7 @@ def prove_in_time(
         if all(one is other for one, other in zip(requests, result.requests, strict=True)):
             break
         result = replace(result, requests=requests)
-        plan, known = planner.plan(plan.strategy, result), {}
+        plan, known, command = planner.plan(plan.strategy, result), {}, None
     why = OUT_OF_TIME if takes_too_long(plan, planner) else GIVEN_UP
     return Proven(left_alone(plan.strategy, result, planner, why), None)
 
@@ -234,12 +237,19 @@ class Checker:
 
         return for_each_scenario(command, self.planner.machine, self.nominal, tried, take)
 
-    def blame(self, plan: Plan, removable: Sequence[int], known: Mapping[Scenario, Sizes] = {}) -> set[int] | None:
+    def blame(
+        self,
+        plan: Plan,
+        removable: Sequence[int],
+        known: Mapping[Scenario, Sizes] = {},
+        command: Command | None = None,
+    ) -> set[int] | None:
         """Return the windows to give up; None where the plan is never worse and keeps the limits.
 
-        `removable` are the windows in which something can still be given up; `known` is what was measured already.
+        `removable` are the windows in which something can still be given up; `known` is what was measured
+        already, `command` that of the plan, if there is one.
         """
-        command = command_of(plan, self.track, self.period)
+        command = command_of(plan, self.track, self.period) if command is None else command
         instants = [violation.t for violation in check_command(command, self.planner.machine)]
         first = first_counted(command, self.planner.machine)
         broader: set[int] = set()

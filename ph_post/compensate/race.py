@@ -337,7 +337,7 @@ class _Race:
 
     def _proof(self, runner: Runner, tried: Sequence[Scenario]) -> Runner | None:
         known = dict(zip(tried, runner.sizes, strict=True))
-        plan, result = prove_in_time(runner.plan, runner.result, runner.planner, self.checker, known)
+        plan, result = prove_in_time(runner.plan, runner.result, runner.planner, self.checker, known, runner.command)
         if plan is runner.plan:
             return replace(runner, intact=True)
         if result is None:
@@ -491,7 +491,7 @@ class _Race:
         for one in (*self._ranked(late, tried)[:1], *self._ranked(still, tried)[:1]):
             there = _largest(one)
             gains = bool(np.any(there[:2] < MORE * here[:2]) and np.all(there[:2] <= here[:2]))
-            if gains and self.checker.blame(one.plan, ()) is None:
+            if gains and self.checker.blame(one.plan, (), self.known[_looks(one.command)], one.command) is None:
                 plain = self.planner.before.motion.end
                 part = plan_time(one.plan) / plain - 1.0
                 option = f"--max-slowdown {plan_warnings.round_up(part):g}"

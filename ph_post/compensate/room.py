@@ -35,8 +35,9 @@ _STILL = 1e-9
 _FADED = 5.0
 """Time constants after which little is left of a step in a lead."""
 
-_STRICTER = 0.97
-"""Part of the limits that is made room for: in the end rows, and the cells of the speed, lie at other places."""
+_STRICTER = np.array([0.999, 0.97, 0.97])
+"""Parts of speed, acceleration and jerk that room is made for: in the end rows, and the cells of the speed, lie at
+other places, which the speed hardly feels."""
 
 _MOSTLY = 0.97
 """Part of the speed that constant speed may keep by which it, and not its change, breaks a limit."""
@@ -78,7 +79,7 @@ class LeadRoom:
         tail: float,
     ) -> None:
         self.track, self.limits, self.window, self.part, self.tail = track, limits, window, part, tail
-        self._strict = AxisLimits(values=_STRICTER * limits.values, period=limits.period)
+        self._strict = AxisLimits(values=_STRICTER[:, np.newaxis] * limits.values, period=limits.period)
         self.stops = np.unique(np.concatenate([[0.0], stops, [track.length]]))
         self.friction = friction_of_machine(machine, track.path.axes)
         self.drives: tuple[Axis, ...] = tuple(machine.axes[name] for name in track.path.axes)

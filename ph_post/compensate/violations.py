@@ -61,9 +61,13 @@ def usage(position: Array, limits: AxisLimits, order: int, noise: float) -> Arra
 
     Rounding of the positions by `noise` [m] shows 2^order-fold in a difference and is allowed for.
     """
-    allowed = limits.of_order(order) + noise * (2.0 / limits.period) ** order
-    ratio: Array = np.abs(differences(position, order, limits.period)) / allowed
+    ratio: Array = np.abs(differences(position, order, limits.period)) / _allowed(limits, order, noise)
     return ratio
+
+
+def _allowed(limits: AxisLimits, order: int, noise: float) -> Array:
+    """Return what every axis may do, rounding of the positions included, shape (dim,)."""
+    return np.asarray(limits.of_order(order) + noise * (2.0 / limits.period) ** order)
 
 
 def at_rest_before_and_after(position: Array, before: bool, after: bool) -> Array:
@@ -215,9 +219,10 @@ def _look(track: Track, limits: AxisLimits, motion: MotionLaw, t: Array) -> Viol
 
 def slower_by(position: Array, limits: AxisLimits, noise: float) -> Array:
     """Part of its speed (rows,) that the motion may keep where a difference begins, 1 where all is well."""
-    factor = np.ones(len(position))
+    factor, difference = np.ones(len(position)), position
     for order in range(1, min(3, len(position) - 1) + 1):
-        ratio = largest(usage(position, limits, order, noise))
-        part = factor[: ratio.size]
-        np.minimum(part, np.maximum(ratio, 1.0) ** (-1.0 / order), out=part)
+        difference = np.diff(difference, axis=0)
+        ratio = largest(np.abs(difference / limits.period**order) / _allowed(limits, order, noise))
+        fast = np.flatnonzero(ratio > 1.0)
+        factor[fast] = np.minimum(factor[fast], ratio[fast] ** (-1.0 / order))
     return factor

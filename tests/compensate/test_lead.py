@@ -13,6 +13,7 @@ from scipy.optimize import linprog
 from support.motions import look, make_path, worst_use, zigzag
 from support.two_masses import Nominal, body_of, settling, table_of
 
+from ph_post.compensate import plan as planning
 from ph_post.compensate.lead import lead_window, smoothed, unwinding_time, weights
 from ph_post.compensate.motion import MotionLaw, cycle_time
 from ph_post.compensate.offsets import command_of, plan_time
@@ -224,7 +225,9 @@ def test_as_much_is_led_as_the_time_allows() -> None:
     assert errors_found[2] <= 0.15 * plain
 
 
-def test_nearly_all_is_led_where_the_time_is_nearly_enough_for_all() -> None:
+def test_nearly_all_is_led_where_the_time_is_nearly_enough_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    # With sharper changes of the speed the time would be enough.
+    monkeypatch.setattr(planning, "SHARPER", ())
     before, led = plans(meander(4), read_machine("mill"), max_slowdown=1.0)
     needed = plan_time(led) / plan_time(before) - 1.0
     _, less = plans(meander(4), read_machine("mill"), max_slowdown=0.9998 * needed / LEAD_SHARE)
