@@ -129,10 +129,10 @@ class MotionLaw:
         rows = zip(*(column.tolist() for column in columns), strict=True)
         return [(duration, s, ways[group][row]) for duration, s, group, row in rows]
 
-    def acceleration(self, t: Array) -> Array:
-        """Rate of change of the speed [m/s²] at `t` [s]; at a boundary that of the later phase."""
+    def acceleration(self, t: Array, phase: IntArray | None = None) -> Array:
+        """Rate of change of the speed [m/s²] at `t` [s], in phases if they are known; at a boundary the later one's."""
         t = np.asarray(t, dtype=np.float64)
-        phase = self.phase_at(t)
+        phase = self.phase_at(t) if phase is None else phase
         tau = np.clip((t - self.start[phase]) / self.duration[phase], 0.0, 1.0)
         rate = np.zeros(t.size)
         for number, speed in enumerate(self._speed):

@@ -104,7 +104,8 @@ class LeadRoom:
         s, feed, half = rows.s, rows.feed, self.window.half
         if rows.whole and motion.ends_at_rest:
             s[-1] = self.track.length
-        position, speed, acceleration = axis_motion(self.track, s, feed, motion.acceleration(rows.t))
+        phase = motion.phase_at(rows.t)
+        position, speed, acceleration = axis_motion(self.track, s, feed, motion.acceleration(rows.t, phase))
         friction, turns = self._friction(speed)
         plain, speed, acceleration = (smoothed(one, half, rows.calm) for one in (position, speed, acceleration))
         lead = self._lead(speed, acceleration)
@@ -113,16 +114,18 @@ class LeadRoom:
         led = plain + lead
         noise = rounding(float(np.abs(led).max()), self.track.length, motion.end, float(np.abs(feed).max()))
         limits = self._strict if strict else self.limits
-        factor, without = (slower_by(at_rest_before_and_after(one, *rows.rests), limits, noise) for one in (led, plain))
+        factor = slower_by(at_rest_before_and_after(led, *rows.rests), limits, noise)
         if self.friction:
             rubbing = slower_by(at_rest_before_and_after(led + friction, *rows.rests), limits, noise)
         shift = _REACH if rows.rests[0] else 0
         row = np.clip(np.arange(factor.size) - shift, 0, s.size - 1)
-        in_profile = _around(motion.window[motion.phase_at(rows.t)] >= 0, half + _REACH)[row]
+        in_profile = _around(motion.window[phase] >= 0, half + _REACH)[row]
         if self.friction:
             # Where an axis turns round its friction is led by a change of its own.
             factor = np.where(turns[row], factor, np.minimum(factor, rubbing))
-        factor = np.where(in_profile, without, factor)
+        if in_profile.any():
+            without = slower_by(at_rest_before_and_after(plain, *rows.rests), limits, noise)
+            factor = np.where(in_profile, without, factor)
         factor[~rows.inside(half + _REACH)[row]] = 1.0
         stretch = runs(np.flatnonzero(factor < 1.0))
         edges = np.array([(one[0], one[-1] + _REACH) for one in stretch], dtype=np.int64).reshape(-1, 2) - shift
