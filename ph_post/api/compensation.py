@@ -204,45 +204,10 @@ def compensate(
     >>> result.after.error_gap.max < result.before.error_gap.max
     True
     """
-    options = CompensateOptions(
-        strategy=strategy,
-        tolerance=tolerance,
-        feed=feed,
-        corner_tolerance=corner_tolerance,
-        dialect=dialect,
-        start=start,
-        ratio=ratio,
-        degree=degree,
-        t_star=t_star,
-        coefficients=coefficients,
-        allow_retrograde=allow_retrograde,
-        min_feed=min_feed,
-        max_slowdown=max_slowdown,
-        max_standstill=max_standstill,
-        feed_only=feed_only,
-        no_inverse_dynamics=no_inverse_dynamics,
-        effort=effort,
-        interval_table=interval_table,
-        feed_mode=feed_mode,
-        chord_tolerance=chord_tolerance,
-        block_time=block_time,
-        safe_z=safe_z,
-        depth=depth,
-        position_from=position_from,
-        part_side=part_side,
-        overshoot=overshoot,
-        strict=strict,
-        force=force,
-        require_all=require_all,
-        lead_program=lead_program,
-        expand=expand,
-        subprograms=tuple(os.fspath(folder) for folder in subprograms),
-        parameters=parameters,
-        tool_table=tool_table,
-        controller_units=controller_units,
-        peck_clearance=peck_clearance,
-    )
-    return compensated(job, machine, options, output, progress)
+    # Each option of the signature is one of the record, by the same name.
+    given = {name: value for name, value in locals().items() if name in CompensateOptions.__struct_fields__}
+    given["subprograms"] = tuple(os.fspath(folder) for folder in subprograms)
+    return compensated(job, machine, CompensateOptions(**given), output, progress)
 
 
 def undo(program: PartProgram | SourceBytes | Source) -> bytes:

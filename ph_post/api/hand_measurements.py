@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from ph_post.api.inputs import Source, source_of
 from ph_post.api.measurements import measured_machine_of
@@ -79,9 +79,7 @@ def measure(
         names = " and ".join([*([hand.name] if hand.dial or hand.cut else []), *dict.fromkeys(t.name for t in traces)])
         hand = replace(hand, name=names, ball_bar=[*hand.ball_bar, *traces])
     found = measure_machine(hand, drives)
-    return HandMeasurement(
-        **{name: getattr(found, name) for name in found.__struct_fields__}, before=drives, source=source
-    )
+    return HandMeasurement(**asdict(found), before=drives, source=source)
 
 
 def _readings(readings: Readings | Source | None) -> Readings:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
+from msgspec.structs import asdict
 
 from ph_post.analysis.path_analysis import swings
 from ph_post.analysis.turning_points import find_turning_points
@@ -182,9 +183,7 @@ def identify(
     loops = dict.fromkeys(record.axes, feedback) if isinstance(feedback, str) else dict(feedback or {})
     loops = {name: kind for name, kind in loops.items() if name in record.axes}
     found = identifying.identify(record, drives, loops, transmission, progress)
-    return LogIdentification(
-        **{name: getattr(found, name) for name in found.__struct_fields__}, log=record, source=source
-    )
+    return LogIdentification(**asdict(found), log=record, source=source)
 
 
 def _transmission(drives: Machine | None, ratio: float | None, lead: float | None) -> dict[str, Transmission] | None:
@@ -234,7 +233,7 @@ def diagnose(log: Log | Source, machine: Machine | Source, *, progress: Progress
     drives, source = measured_machine_of(machine)
     record = _log_of(log, drives)
     found = diagnosing.diagnose(record, drives, progress)
-    return LogDiagnosis(**{name: getattr(found, name) for name in found.__struct_fields__}, log=record, source=source)
+    return LogDiagnosis(**asdict(found), log=record, source=source)
 
 
 def measured_machine_of(machine: Machine | Source) -> tuple[Machine, SourceText | None]:
@@ -333,7 +332,7 @@ def sweep(
         raise OptionsError(f"expected at most {MOST_INTERVALS} intervals; got {size}")
     progress("solving for the backlash intervals")
     table = tabulate(drives, chosen, radii, feeds, np.array(beta), np.array(gain))
-    return SweptIntervals(**{key: getattr(table, key) for key in table.__struct_fields__}, warnings=warnings)
+    return SweptIntervals(**asdict(table), warnings=warnings)
 
 
 def _tabulated_axes(drives: Machine, wanted: Sequence[str], machine: str) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from numbers import Real
-from typing import Literal
+from typing import Literal, TypeVar
 
 import msgspec
 
@@ -16,6 +16,8 @@ from ph_post.drive.intervals import IntervalTable
 from ph_post.edit.edits import TOLERANCE, EditOptions
 from ph_post.errors import InputError, OptionsError
 from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE, FeedMode, ProgramOptions
+
+T = TypeVar("T", PlanOptions, ProgramOptions, EditOptions)
 
 _NUMBERS = (
     *("tolerance", "feed", "ratio", "t_star", "min_feed", "max_slowdown", "max_standstill"),
@@ -133,46 +135,27 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """
         name = self.chosen_strategy
         leads = output == "table" and not self.no_inverse_dynamics and not find_traits(name).is_baseline
-        return PlanOptions(
-            strategy=name,
-            start=self.start,
-            ratio=self.ratio,
-            degree=self.degree,
-            t_star=self.t_star,
-            coefficients=self.coefficients,
-            allow_retrograde=self.allow_retrograde,
-            min_feed=self.min_feed,
-            max_slowdown=self.max_slowdown,
-            max_standstill=self.max_standstill,
-            inverse_dynamics=leads,
-            feed_only=self.feed_only or feed_only,
-            carrier=output,
-            effort=self.effort,
-        )
+        feeds_only = self.feed_only or feed_only
+        return self._as(PlanOptions, strategy=name, inverse_dynamics=leads, feed_only=feeds_only, carrier=output)
 
     @property
     def writing(self) -> ProgramOptions:
         """Options for writing the program of a path."""
-        return ProgramOptions(
-            feed_mode=self.feed_mode,
-            chord_tolerance=self.chord_tolerance,
-            block_time=self.block_time,
-            safe_z=self.safe_z,
-            depth=self.depth,
-        )
+        return self._as(ProgramOptions)
 
     @property
     def editing(self) -> EditOptions:
         """Options for editing an existing program."""
-        return EditOptions(
-            tolerance=self.tolerance,
-            max_slowdown=self.max_slowdown,
-            chord_tolerance=self.chord_tolerance,
-            block_time=self.block_time,
+        return self._as(
+            EditOptions,
             part_side={"left": 1, "right": -1}.get(self.part_side or "", 0),
             position_from=0 if self.position_from is None else int(f"{self.position_from}1"),
-            overshoot=self.overshoot,
         )
+
+    def _as(self, record: type[T], **own: object) -> T:
+        """Return a record of the options that have the names of its fields, and of its `own`."""
+        same = {name: value for name, value in msgspec.structs.asdict(self).items() if name in record.__struct_fields__}
+        return record(**{**same, **own})
 
     def without_path_options(self) -> CompensateOptions:
         """Return the options that part programs have, where one set serves path files too.

@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
+import msgspec
+
 from ph_post.api.comparison import StrategyComparison
 from ph_post.api.motion import Simulation
 from ph_post.api.results import PlannedMotion
@@ -34,8 +36,7 @@ REMEDY: Final = "--strategy auto, or `convert`, compensates them"
 
 def scenario_view(scenario: Scenario) -> View:
     """Return a scenario; null is what the machine file says."""
-    values = {name: getattr(scenario, name) for name in scenario.__struct_fields__}
-    return values | {"opposite": list(scenario.opposite)}
+    return msgspec.structs.asdict(scenario) | {"opposite": list(scenario.opposite)}
 
 
 def simulation_view(found: Simulation) -> View:
