@@ -10,8 +10,8 @@ from msgspec.structs import replace
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.compensation import compensated
 from ph_post.api.crossed_paths import crosses_on_the_fly
-from ph_post.api.inputs import Job, Source, machine_warnings, raw_job
-from ph_post.api.motion import NotedResult, analysed_job, machine_of
+from ph_post.api.inputs import Job, Source, analysed_job, machine_warnings, raw_job
+from ph_post.api.motion import NotedResult, machine_of
 from ph_post.api.options import CompensateOptions
 from ph_post.api.outcomes import Compensation
 from ph_post.api.path_compensation import PathCompensation

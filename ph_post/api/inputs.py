@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
@@ -31,6 +31,9 @@ from ph_post.gcode.paths import line_words, main_path
 from ph_post.gcode.program import PartProgram
 from ph_post.progress import Progress, no_progress
 from ph_post.types import Axis, BacklashInterval, Log, Machine, Path
+
+if TYPE_CHECKING:
+    from ph_post.api.options import CompensateOptions
 
 COMPENSATED_BEFORE: Final = "compensated before"
 """What a note says of a program of which the original is taken."""
@@ -417,6 +420,22 @@ def analyse_job(
         solve = _look_up_in(table)
     progress("locating turning points, windows and backlash intervals")
     return analyse(path, drives, tolerance, solve), notes
+
+
+def analysed_job(
+    job: Job, machine: Machine | Source, how: CompensateOptions, progress: Progress
+) -> tuple[Analysis, tuple[str, ...]]:
+    """Analyse a job by a record of options; see :func:`analyse_job`."""
+    return analyse_job(
+        job,
+        machine,
+        tolerance=how.tolerance,
+        feed=how.feed,
+        dialect=how.dialect,
+        corner_tolerance=how.corner_tolerance,
+        interval_table=how.interval_table,
+        progress=progress,
+    )
 
 
 def _look_up_in(table: IntervalTable) -> IntervalSource:

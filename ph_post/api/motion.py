@@ -14,7 +14,7 @@ from ph_post.analysis.certification import Certificate
 from ph_post.analysis.certification import certify as certify_turning_points
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.crossed_paths import crosses_on_the_fly
-from ph_post.api.inputs import Job, Source, analyse_job, any_machine, machine_warnings
+from ph_post.api.inputs import Job, Source, analyse_job, analysed_job, any_machine, machine_warnings
 from ph_post.api.options import CompensateOptions
 from ph_post.api.results import PlannedMotion
 from ph_post.compensate.comparison import describe_violation
@@ -341,22 +341,6 @@ def _table_of(job: Job | Command) -> tuple[Command, str, str] | None:
     if isinstance(job, str | os.PathLike) and PurePath(job).suffix.lower() in FORMATS:
         return read_table(job), PurePath(job).name, os.fspath(job)
     return None
-
-
-def analysed_job(
-    job: Job, machine: Machine | Source, how: CompensateOptions, progress: Progress
-) -> tuple[Analysis, tuple[str, ...]]:
-    """Analyse a job by a record of options; see :func:`ph_post.api.inputs.analyse_job`."""
-    return analyse_job(
-        job,
-        machine,
-        tolerance=how.tolerance,
-        feed=how.feed,
-        dialect=how.dialect,
-        corner_tolerance=how.corner_tolerance,
-        interval_table=how.interval_table,
-        progress=progress,
-    )
 
 
 def machine_of(analysis: Analysis) -> Machine:

@@ -9,7 +9,7 @@ import msgspec
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.crossed_paths import CrossedPath, crosses_on_the_fly
-from ph_post.api.inputs import Source, analyse_job, machine_warnings
+from ph_post.api.inputs import Source, analysed_job, machine_warnings
 from ph_post.api.options import CompensateOptions
 from ph_post.api.outcomes import Compensation, left_words
 from ph_post.api.results import AxisReversals, MotionResult, PlannedMotion, plan_reversals
@@ -211,14 +211,5 @@ def compensated_path(
     progress: Progress,
 ) -> PathCompensation:
     """Compensate a path, or the longest path of a part program."""
-    analysis, notes = analyse_job(
-        job,
-        machine,
-        tolerance=options.tolerance,
-        feed=options.feed,
-        dialect=options.dialect,
-        corner_tolerance=options.corner_tolerance,
-        interval_table=options.interval_table,
-        progress=progress,
-    )
+    analysis, notes = analysed_job(job, machine, options, progress)
     return PathCompensation(analysis, notes, options, output, progress)
