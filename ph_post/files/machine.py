@@ -174,21 +174,19 @@ def _set(
     table: MutableMapping[str, Any], key: str, value: float | str, comment: str, above: Sequence[str] = ()
 ) -> None:
     """Set a key, keep what a person wrote behind the value that was there, and put lines above it."""
-    before = table[key]
-    old, text = (before.trivia, before.as_string()) if isinstance(before, Item) else (None, "")
-    table[key] = written(value)
-    item = table[key]
-    if not isinstance(item, Item) or old is None:
-        return
-    kept = _MINE.sub("", old.comment).lstrip("# ")
-    if kept and not kept.startswith(_WAS) and item.as_string() != text:
-        kept = f"{_WAS}{text}: {kept}"
-    words = "; ".join(part for part in (comment, kept) if part)
-    if words:
-        item.trivia.comment_ws = old.comment_ws or "  "
-        item.trivia.comment = f"# {words}"
-    if above and "\n" in item.trivia.trail:
-        item.trivia.indent = _lines(above, item.trivia.indent) + item.trivia.indent
+    item, before = tomlkit.item(written(value)), table[key]
+    if isinstance(before, Item):
+        # What stands around the old one goes over to the new one as it takes its place.
+        kept = _MINE.sub("", before.trivia.comment).lstrip("# ")
+        if kept and not kept.startswith(_WAS) and item.as_string() != before.as_string():
+            kept = f"{_WAS}{before.as_string()}: {kept}"
+        words = "; ".join(part for part in (comment, kept) if part)
+        if words:
+            item.trivia.comment_ws = before.trivia.comment_ws or "  "
+            item.trivia.comment = f"# {words}"
+        if above and "\n" in before.trivia.trail:
+            before.trivia.indent = _lines(above, before.trivia.indent) + before.trivia.indent
+    table[key] = item
 
 
 def _with_new_key(text: str, change: AxisChange, key: str, value: float | str, above: Sequence[str]) -> str:

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from ph_post.diagnose.findings import improved_axis
 from ph_post.drive.machinefile import machine_of, machine_source
 from ph_post.errors import SolveError
+from ph_post.files.machine import AxisChange, edit_axes
 from ph_post.files.storage import SourceText, source_of
 from ph_post.identify.machinefile import diagnosed_machine
 from ph_post.types import AxisLog, EffectSetting, Log, frozen
@@ -140,6 +141,19 @@ def test_a_second_diagnosis_replaces_the_standard_error_of_the_first():
     size = {"lost_motion_mm": Estimate(value=0.031, stderr=4e-4, unit="mm")}
     text = diagnosed_machine(original, diagnosis(better, finding("backlash", size, None)), log())
     assert "lost_motion_mm = 0.031   # +- 0.0004 mm; was 0.030: indicator\n" in text
+
+
+def test_keys_of_a_cascade_among_others_keep_their_comments_as_of_what_was():
+    """Dotted keys with others in between, as `machine new` writes them."""
+    head = 'feedback = "motor"\ncontrol.structure = "cascade"\n'
+    text = f"{head}lost_motion_mm = 0.03\ncontrol.position_gain_per_s = 40.0  # K_v\n"
+    keys = {"control.position_gain_per_s": 38.5, "lost_motion_mm": 0.04}
+    change = AxisChange(axis="X", keys=keys, comments={"control.position_gain_per_s": "+- 0.4 1/s"}, above=("found",))
+    changed = edit_axes(f"[axes.X]\n{text}", [change])
+    assert "\n# found\ncontrol.position_gain_per_s = 38.5  # +- 0.4 1/s; was 40.0: K_v\n" in changed
+    assert "\nlost_motion_mm = 0.04\n" in changed
+    again = edit_axes(changed, [AxisChange(axis="X", keys={"control.position_gain_per_s": 38.0})])
+    assert "control.position_gain_per_s = 38.0  # was 40.0: K_v\n" in again
 
 
 def test_a_gap_given_as_an_angle_is_changed_as_an_angle():
