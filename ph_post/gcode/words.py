@@ -213,8 +213,9 @@ def _read_words(text: ByteArray, lines: PlaceArray, room: int) -> Lexed:
 
 
 def _digits(number: bytes) -> int:
-    """Return the digits of a number with blanks in it, with their sign."""
-    return int(re.sub(rb"[^-\d]", b"", number))
+    """Return the digits of a number with their sign; it may have blanks in it, and any number of leading zeros."""
+    digits = int(re.sub(rb"\D", b"", number).lstrip(b"0") or b"0")
+    return -digits if b"-" in number else digits
 
 
 def _cut(column: Any, count: int) -> Any:

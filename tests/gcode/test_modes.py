@@ -339,3 +339,21 @@ def test_numbers_are_kept_exactly_with_blanks_signs_and_without_digits_on_one_si
         b"z5.",
         b"f-0",
     ]
+
+
+def test_long_numbers_are_kept_exactly():
+    zeros = "0" * 5000
+    text = f"G21 G90\nG1 X1234567890.123456789 Y-{zeros}.{zeros} Z-{zeros}1.25 F100\n"
+    words = read_program(text.encode(), "a").words
+    found = dict(
+        zip(
+            words.letter.tobytes().decode(),
+            zip(words.digits.tolist(), words.decimals.tolist(), strict=True),
+            strict=True,
+        )
+    )
+    assert found["X"] == (1234567890123456789, 9)
+    assert found["Y"] == (0, 5000)
+    assert found["Z"] == (-125, 2)
+    rows = np.array([3, 4])
+    assert words.digits_of(rows).tolist() == words.take(rows).digits.tolist() == [1234567890123456789, 0]
