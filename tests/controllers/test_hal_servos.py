@@ -99,7 +99,7 @@ def test_the_way_from_a_log_to_less_error(
     run(f"diagnose kit/fast_x.txt -m hidden.toml {columns} -o diagnosed.toml --json")
     diagnosis = json.loads(capsys.readouterr().out)
     assert diagnosis["verdict"] == "named"
-    assert [(one["name"], one["axis"]) for one in diagnosis["findings"]] == [("backlash", "X")]
+    assert [(one["name"], one["axis"]) for one in diagnosis["effects"]] == [("backlash", "X")]
     assert read_machine("diagnosed.toml").axes["X"].gap.lost_motion / MM == pytest.approx(SERVO.gap, abs=SERVO.count)
 
     as_x_too("found.toml", "both.toml")
