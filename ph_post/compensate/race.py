@@ -295,7 +295,7 @@ class _Race:
         behind = rows[:, :2] - rows[:, :2].min(axis=0)
         own = [number for number, one in enumerate(tried) if one.friction == 1.0]
         largest = np.array([max(one.sizes[number][0] for number in own) for one in runners])
-        near = largest <= NEAR * largest.min()
+        near = largest <= NEAR * max(largest.min(), self._least(tried)[0])
         worst = np.where(near, behind.max(axis=1), np.inf)
         close = np.flatnonzero(worst <= worst.min() + CLOSE)
         return int(close[np.argmin(rows[close, 2:].sum(axis=1))])
@@ -303,14 +303,16 @@ class _Race:
     def _score(self, runner: Runner, tried: Sequence[Scenario]) -> Array:
         """Logarithms of largest errors, worst and on the machine as the file has it; of the others; and the time."""
         own = [number for number, one in enumerate(tried) if is_nominal(one)]
-        plain = self._plain(tried)
-        table = np.array([one[:3] for one in runner.sizes])
-        least = np.maximum(ENOUGH * plain.max(axis=0), FLOOR)
+        table, least = np.array([one[:3] for one in runner.sizes]), self._least(tried)
         worst, nominal = (np.log(np.maximum(rows.max(axis=0), least)) for rows in (table, table[own]))
         time = SLOWER * plan_time(runner.plan) + STANDING * runner.standing
         time /= max(self.planner.before.motion.end, self.checker.period)
         others = [worst[1], nominal[1], 0.5 * worst[2], 0.5 * nominal[2], time]
         return np.array([worst[0], nominal[0], *others])
+
+    def _least(self, tried: Sequence[Scenario]) -> Array:
+        """Sizes (3,) below which less is no better."""
+        return np.asarray(np.maximum(ENOUGH * self._plain(tried).max(axis=0), FLOOR))
 
     def _plain(self, tried: Sequence[Scenario]) -> Array:
         """Sizes of the plain motion in some scenarios, shape (scenarios, 3)."""
