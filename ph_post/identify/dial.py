@@ -194,13 +194,13 @@ def _check_repeats(rows: Sequence[DialRow]) -> None:
 
 def _check_ways(rows: Sequence[DialRow], lost: Array) -> None:
     """Refuse a row whose way beyond is not that of the other rows, as far as they scatter: the indicator slipped."""
-    ways = np.array([_beyond(row) for row in rows])
+    ways, rounding = np.array([_beyond(row) for row in rows]), _grain(rows) / math.sqrt(12.0)
     for k, row in enumerate(rows):
         others = np.delete(ways, k)
         scatter, freedom = _scatter([*rows[:k], *rows[k + 1 :]], np.delete(lost, k))
         if freedom == 0 or others.size < 2:
             continue
-        scatter = max(scatter, _grain(rows) / math.sqrt(12.0))
+        scatter = max(scatter, rounding)
         limit = _times(freedom, len(rows)) * scatter * math.sqrt(2.0 + 2.0 / others.size) + NEAR
         if abs(ways[k] - np.mean(others)) > limit:
             what = "its way beyond contradicts that of the other rows: the indicator slipped, or a reading is wrong"
