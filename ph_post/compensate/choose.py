@@ -155,7 +155,7 @@ class _Chooser:
         self.friction_first = self._friction_first()
         self.winding = self._approach()
         self.pushing = self._pushing()
-        self.pushes_first = self.pushing > 0.0 and self._as_approach(self.pushing) > 0.0
+        self.pushes_first = self._as_approach(self.pushing) > 0.0
         pairs = zip(self.places, self.reversing, strict=True)
         self.active = max(sum(place is not None and bool(drives) for place, drives in pairs), 1)
 
