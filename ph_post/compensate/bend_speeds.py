@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compiling import compiled, inner
-from ph_post.types import Array, BoolArray
+from ph_post.types import Array
 
 FIRST: Final = 1e-2
 """Weight of the barrier to begin with, over the time's."""
@@ -53,8 +53,11 @@ DONE: Final = 1e-3
 MOST_HALVINGS: Final = 40
 """Halvings of a step until it lowers the function."""
 
-JERK_ROW: Final = 2
-"""Of every three rows of limits that of the jerk."""
+JERK: Final = 2
+"""Of the three rows of limits of an axis that of the jerk."""
+
+_ORDERS: Final = [1, 1, 2]
+"""Of which derivative of the way by time they are, less one."""
 
 
 class BendLimits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -105,7 +108,8 @@ def least_time_speeds(limits: BendLimits, v: Array) -> Array | None:
 class _Problem:
     """Time and limits as functions of b at the inner places.
 
-    A row of limits is three numbers at a place, for b there and at both neighbours; the ends' b are known.
+    A row of limits is three numbers at a place, for b there and at both neighbours; the ends' b are known. What they
+    come to is limited in both senses.
     """
 
     def __init__(self, limits: BendLimits, v: Array) -> None:
@@ -115,12 +119,13 @@ class _Problem:
         (r1, r2, r3), values = limits.jet[:, 1:-1], limits.values[:, 1:-1]
         middle = np.array([0.0, 1.0, 0.0])[:, None, None]
         along, bend = first[:, :, None], second[:, :, None]
-        rows = np.stack([*self._accelerations(limits.jet), middle * r3 + 1.5 * along * r2 + 0.5 * bend * r1])
-        self._rows = np.ascontiguousarray(np.concatenate([rows, -rows]))
-        """Shape (2 signs, accelerations before and behind the place and jerk; 3 neighbours; n, d)."""
-        self.room = np.concatenate([values[[1, 1, 2]], values[[1, 1, 2]]])
-        """What the rows may be, of jerk over the speed, shape (6, n, d)."""
-        self._is_jerk: BoolArray = np.tile([False, False, True], 2)[:, None, None]
+        rows = [*self._accelerations(limits.jet), middle * r3 + 1.5 * along * r2 + 0.5 * bend * r1]
+        self._rows = np.ascontiguousarray(np.stack(rows).transpose(2, 3, 0, 1))
+        """Shape (n, d, 3 of accelerations before and behind the place and of jerk, 3 neighbours)."""
+        self.room = np.ascontiguousarray(
+            np.broadcast_to(values[_ORDERS].transpose(1, 2, 0), (2, *self._rows.shape[:3]))
+        )
+        """What the rows may be in either sense, of jerk over the speed, shape (2, n, d, 3)."""
         highest = (
             np.minimum(limits.feed, (limits.values[0] / np.maximum(np.abs(limits.jet[0]), _LEAST)).min(axis=1)) ** 2
         )
@@ -149,54 +154,50 @@ class _Problem:
             self.highest[end] = min(self.highest[end], most**2)
 
     def used(self, b: Array) -> Array:
-        """Evaluate what the motion takes of the limits, to be compared with them, shape (6, n, d)."""
+        """Evaluate what the motion takes of the limits, to be compared with them, shape (2, n, d, 3)."""
         known = np.concatenate([self._ends[:1], b, self._ends[1:]])
-        rows: Array = self._rows[:, 0] * known[:-2, None] + self._rows[:, 1] * known[1:-1, None]
-        rows += self._rows[:, 2] * known[2:, None]
-        return np.where(self._is_jerk, rows * np.sqrt(b)[:, None], rows)
+        used = np.einsum("karj,kj->kar", self._rows, np.stack([known[:-2], b, known[2:]], axis=1))
+        used[..., JERK] *= np.sqrt(b)[:, None]
+        return np.stack([used, -used])
 
     def descend(self, b: Array, room: Array, weight: float, steps: int) -> Array:
         """Minimise the logarithm of the time and the barrier before limits of such room by some of Newton's steps."""
-        found: Array = _descend(b, self._rows, room, self.highest, self._width, self._ends, weight, steps)
-        return found
+        known = np.concatenate([self._ends[:1], b, self._ends[1:]])
+        found: Array = _descend(known, self._rows, 1.0 / room, self.highest, self._width, weight, steps)
+        return found[1:-1]
 
 
 @compiled
-def _descend(
-    b: Any,
-    rows: Any,
-    room: Any,
-    highest: Any,
-    width: Any,
-    ends: Any,
-    weight: float,
-    steps: int,
-) -> Any:
+def _descend(known: Any, rows: Any, scale: Any, highest: Any, width: Any, weight: float, steps: int) -> Any:
     """Minimise the logarithm of the time and the barrier before limits of such room by some of Newton's steps.
 
-    `rows` (6, 3, n, d), `room` (6, n, d) and `highest` (n,) are those of :class:`_Problem`; `b` (n,) is not changed.
+    `known` (n + 2,) is b, of which the first and the last stay; `rows` (n, d, 3, 3) and `highest` (n,) are those of
+    :class:`_Problem`, `scale` (2, n, d, 3) is one over the room.
     """
-    n = b.size
-    here, tried = b.copy(), np.empty(n)
-    slope, step, bands = np.empty(n), np.empty(n), np.empty((3, n))
-    value = _value(here, rows, room, highest, width, ends, weight)
+    here, tried = known.copy(), known.copy()
+    n = highest.size
+    slope, step, bands = np.empty(n + 2), np.empty(n), np.empty((3, n + 2))
+    value = _value(here, rows, scale, highest, width, weight)
     for _ in range(steps):
-        _model(here, rows, room, highest, width, ends, weight, slope, bands)
-        if not _solve_banded(bands, slope, step):
+        slope[:] = 0.0
+        bands[:] = 0.0
+        _add_time(here, width, slope, bands)
+        _add_barrier(here, rows, scale, highest, weight, slope, bands)
+        if not _solve_banded(bands[:, 1:-1], slope[1:-1], step):
             break
         gain = 0.0
         for k in range(n):
-            gain += slope[k] * step[k]
-        if not gain < -DONE * weight * room.size:
+            gain += slope[k + 1] * step[k]
+        if not gain < -DONE * weight * scale.size:
             break
         part, done = 1.0, False
         for _ in range(MOST_HALVINGS):
             positive = True
             for k in range(n):
-                tried[k] = here[k] + part * step[k]
-                positive = positive and tried[k] > 0.0
+                tried[k + 1] = here[k + 1] + part * step[k]
+                positive = positive and tried[k + 1] > 0.0
             if positive:
-                new = _value(tried, rows, room, highest, width, ends, weight)
+                new = _value(tried, rows, scale, highest, width, weight)
                 if new <= value + 0.1 * part * gain:
                     here[:] = tried
                     value, done = new, True
@@ -208,93 +209,98 @@ def _descend(
 
 
 @inner
-def _used(b: Any, rows: Any, ends: Any, row: Any, k: Any, axis: Any) -> Any:
-    """Return what the motion takes of a limit at the place `k`."""
-    before = b[k - 1] if k > 0 else ends[0]
-    behind = b[k + 1] if k < b.size - 1 else ends[1]
-    found = rows[row, 0, k, axis] * before + rows[row, 1, k, axis] * b[k] + rows[row, 2, k, axis] * behind
-    return found * math.sqrt(b[k]) if row % 3 == JERK_ROW else found
-
-
-@inner
-def _cell_time(b: Any, width: Any, ends: Any, k: Any) -> Any:
-    """Return the time of a cell and the sum of the speeds at its ends.
+def _cell_time(first: Any, last: Any, width: Any) -> Any:
+    """Return the time of a cell by b at its ends, and the sum of the speeds there.
 
     The speed is linear in time; beside a rest it goes with the way to the power 2/3.
     """
-    first = ends[0] if k == 0 else b[k - 1]
-    last = ends[1] if k == b.size else b[k]
     total = math.sqrt(first) + math.sqrt(last)
-    return (3.0 if first == 0.0 or last == 0.0 else 2.0) * width[k] / total, total
+    return (3.0 if first == 0.0 or last == 0.0 else 2.0) * width / total, total
 
 
 @inner
-def _value(b: Any, rows: Any, room: Any, highest: Any, width: Any, ends: Any, weight: Any) -> Any:
+def _value(b: Any, rows: Any, scale: Any, highest: Any, width: Any, weight: Any) -> Any:
     """Evaluate the logarithm of the time and the barrier; infinite where a limit is broken."""
     time, barrier = 0.0, 0.0
     for k in range(width.size):
-        time += _cell_time(b, width, ends, k)[0]
-    for k in range(b.size):
-        product = 1.0 - b[k] / highest[k]
+        time += _cell_time(b[k], b[k + 1], width[k])[0]
+    for k in range(highest.size):
+        product = 1.0 - b[k + 1] / highest[k]
         if not product > 0.0:
             return math.inf
-        for row in range(rows.shape[0]):
-            for axis in range(rows.shape[3]):
-                slack = 1.0 - _used(b, rows, ends, row, k, axis) / room[row, k, axis]
-                if not slack > 0.0:
+        root = math.sqrt(b[k + 1])
+        for axis in range(rows.shape[1]):
+            for row in range(3):
+                own = rows[k, axis, row]
+                used = own[0] * b[k] + own[1] * b[k + 1] + own[2] * b[k + 2]
+                if row == JERK:
+                    used *= root
+                up, down = 1.0 - used * scale[0, k, axis, row], 1.0 + used * scale[1, k, axis, row]
+                if not (up > 0.0 and down > 0.0):
                     return math.inf
-                product *= slack
+                product *= up * down
         # Of some twenty numbers below 2, the least of them some 1e-6.
         barrier += math.log(product)
     return math.log(time) - weight * barrier
 
 
 @inner
-def _model(
-    b: Any, rows: Any, room: Any, highest: Any, width: Any, ends: Any, weight: Any, slope: Any, bands: Any
-) -> None:
-    """Put in the slope (n,) and the diagonals (3, n), the main one first, of a positive matrix for the curvature."""
-    n, whole = b.size, 0.0
-    for k in range(n + 1):
-        whole += _cell_time(b, width, ends, k)[0]
-    slope[:] = 0.0
-    bands[:] = 0.0
-    for k in range(n + 1):
-        time, total = _cell_time(b, width, ends, k)
+def _add_time(b: Any, width: Any, slope: Any, bands: Any) -> None:
+    """Add the time's logarithm to its slope (n + 2,) and to the diagonals of a positive matrix for its curvature.
+
+    These are (3, n + 2), the main one first. At the ends, which are known, they mean nothing.
+    """
+    whole = 0.0
+    for k in range(width.size):
+        whole += _cell_time(b[k], b[k + 1], width[k])[0]
+    for k in range(width.size):
+        time, total = _cell_time(b[k], b[k + 1], width[k])
         by_v, again = -time / total / whole, 2.0 * time / total**2 / whole
-        for i in (k - 1, k):
-            if 0 <= i < n:
+        for i in (k, k + 1):
+            if b[i] > 0.0:
                 rate = 0.5 / math.sqrt(b[i])
                 slope[i] += rate * by_v
                 bands[0, i] += rate**2 * again - 0.5 * rate / b[i] * by_v
-        if 0 < k < n:
-            bands[1, k - 1] += 0.25 / math.sqrt(b[k - 1] * b[k]) * again
-    for k in range(n):
-        below = highest[k] - b[k]
-        slope[k] += weight / below
-        bands[0, k] += weight / below**2
-        for row in range(rows.shape[0]):
-            jerk = row % 3 == JERK_ROW
-            scale = math.sqrt(b[k]) if jerk else 1.0
-            for axis in range(rows.shape[3]):
-                used, size = _used(b, rows, ends, row, k, axis), room[row, k, axis]
-                slack = 1.0 - used / size
-                # Slopes of the slack by b at the place before, at it and behind it, over the slack.
-                left = -rows[row, 0, k, axis] * scale / size / slack
-                middle = (-rows[row, 1, k, axis] * scale - (0.5 * used / b[k] if jerk else 0.0)) / size / slack
-                right = -rows[row, 2, k, axis] * scale / size / slack
-                slope[k] -= weight * middle
-                bands[0, k] += weight * middle**2
-                if k > 0:
-                    slope[k - 1] -= weight * left
-                    bands[0, k - 1] += weight * left**2
-                    bands[1, k - 1] += weight * left * middle
-                if k < n - 1:
-                    slope[k + 1] -= weight * right
-                    bands[0, k + 1] += weight * right**2
-                    bands[1, k] += weight * middle * right
-                if 0 < k < n - 1:
-                    bands[2, k - 1] += weight * left * right
+        if b[k] > 0.0 and b[k + 1] > 0.0:
+            bands[1, k] += 0.25 / math.sqrt(b[k] * b[k + 1]) * again
+
+
+@inner
+def _add_barrier(b: Any, rows: Any, scale: Any, highest: Any, weight: Any, slope: Any, bands: Any) -> None:
+    """Add the barrier to the slope and the diagonals of :func:`_add_time`."""
+    for k in range(highest.size):
+        root, below = math.sqrt(b[k + 1]), highest[k] - b[k + 1]
+        first, here, last = 0.0, 1.0 / below, 0.0
+        before, itself, behind, by_before, by_behind, across = 0.0, 1.0 / below**2, 0.0, 0.0, 0.0, 0.0
+        for axis in range(rows.shape[1]):
+            for row in range(3):
+                # What is used, its slopes by b at the place before, at it and behind it, and the barrier's by it.
+                own = rows[k, axis, row]
+                left, middle, right = own[0], own[1], own[2]
+                used = left * b[k] + middle * b[k + 1] + right * b[k + 2]
+                if row == JERK:
+                    left, right, middle = left * root, right * root, middle * root + 0.5 * used / root
+                    used *= root
+                up, down = scale[0, k, axis, row], scale[1, k, axis, row]
+                up, down = up / (1.0 - used * up), down / (1.0 + used * down)
+                rise, bend = up - down, up * up + down * down
+                first, here, last = first + rise * left, here + rise * middle, last + rise * right
+                before, itself, behind = (
+                    before + bend * left * left,
+                    itself + bend * middle * middle,
+                    behind + bend * right * right,
+                )
+                by_before, by_behind = by_before + bend * left * middle, by_behind + bend * middle * right
+                across += bend * left * right
+        slope[k] += weight * first
+        slope[k + 1] += weight * here
+        slope[k + 2] += weight * last
+        bands[0, k] += weight * before
+        bands[0, k + 1] += weight * itself
+        bands[0, k + 2] += weight * behind
+        bands[1, k] += weight * by_before
+        bands[1, k + 1] += weight * by_behind
+        bands[2, k] += weight * across
 
 
 @inner

@@ -239,7 +239,7 @@ class RoundedCorners:
         if key not in self._known:
             if len(self._known) >= MOST_SOLVED:
                 return old
-            self._known[key] = self._solve(s, v, factor)
+            self._known[key] = self._solve(limits, v, factor)
         known = self._known[key]
         if known is None:
             return old
@@ -247,14 +247,13 @@ class RoundedCorners:
         new = _law(begin + shift, v)
         return old if new.end >= motion.end else new.phases()
 
-    def _solve(self, s: Array, v: Array, factor: Array) -> tuple[Array, Array] | None:
+    def _solve(self, limits: BendLimits, v: Array, factor: Array) -> tuple[Array, Array] | None:
         """Places from the beginning of a stretch and speeds there, None where none keep the limits.
 
         The second solution has its places where the first is slow. Where samples of it break a limit, less of that is
         used beside them, until none does.
         """
-        limits = self._bounds(s, factor)
-        found = least_time_speeds(limits, v)
+        s, found = limits.s, least_time_speeds(limits, v)
         if found is None:
             return None
         motion = _law(s, found)
@@ -284,6 +283,8 @@ class RoundedCorners:
 
     def _used(self, motion: MotionLaw, limits: BendLimits, s: Array) -> Array:
         """Parts of the limits that samples use near the places of a motion, shape (3, n, d); speeds are left out."""
+        from scipy.ndimage import maximum_filter1d
+
         period = self._limits.period
         t = np.arange(-3.0 * period, motion.end + 3.0 * period, period / PHASES)
         place, _ = motion.place_and_feed(t)
@@ -301,8 +302,10 @@ class RoundedCorners:
             rate = np.abs(difference) / period**order / (limits.values[order - 1, 0] / MARGIN * TO_SAMPLES)
             number = np.searchsorted(starts, middle)
             reach = round(REACH * period / max(float(motion.duration.min()), REACH * period / WIDEST)) + 1
-            for shift in range(-reach - 1, reach + 1):
-                np.maximum.at(used[order - 1], np.clip(number + shift, 0, starts.size - 1), rate)
+            own = np.zeros((starts.size + 1, rate.shape[1]))
+            np.maximum.at(own, number, rate)
+            near = maximum_filter1d(own, 2 * reach + 2, axis=0, mode="constant", origin=-1)
+            used[order - 1] = near[: starts.size]
         return used
 
     def _bounds(self, s: Array, factor: Array) -> BendLimits:
