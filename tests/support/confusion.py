@@ -60,7 +60,11 @@ def _listing(command: Any) -> Any:
         click.option("--nothing", default=0, help="Logs in which nothing is hidden."),
         click.option("--outside", default=0, help="Logs with an effect outside of the catalogue."),
         click.option("--pairs", "pair_count", default=0, help="Logs with two effects."),
-        click.option("--sample", default=0, help="Only so many of these, drawn at random, the same each time."),
+        click.option(
+            "--sample",
+            default=0,
+            help="Only so many of these, drawn at random; more are these and others.",
+        ),
         click.option("--cache", type=click.Path(path_type=Path), required=True, help="Folder of drawn cases."),
         click.option("--jobs", default=1),
     ):
@@ -79,7 +83,9 @@ def _trials(
         *outsiders(outside, some),
         *pairs(pair_count, some),
     ]
-    return random.Random(sample).sample(trials, min(sample, len(trials))) if sample else trials
+    if sample:
+        random.Random(0).shuffle(trials)
+    return trials[: sample or None]
 
 
 @main.command()

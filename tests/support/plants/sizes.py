@@ -67,6 +67,10 @@ NEEDS_GAP = ("engagement_impact", "position_dependent_backlash")
 NEEDS_TABLE = ("cyclic_error", "scale_error", "thermal_growth", "squareness", *OUTSIDE[5:])
 
 
+LENGTHS = (math.log(1e-3), math.log(20e-3))
+"""Logarithms of the shortest and the longest command filter [s]."""
+
+
 def with_effect(plant: Plant, name: str, **parameters: float) -> Plant:
     return replace(plant, effects=(*plant.effects, Hidden(name, parameters)))
 
@@ -141,10 +145,9 @@ def _gain_off(rng: np.random.Generator, of: Setting) -> Change:
 
 
 def _command_filter(rng: np.random.Generator, of: Setting) -> Change:
-    name, times = (("moving_average", 2.0), ("exponential_filter", 1.0))[int(rng.integers(2))]
-    return lambda plant, size: with_effect(
-        plant, "command_filter", **{name: max(times * size / of.pace.velocity, 1e-3)}
-    )
+    """As long as filters of drives are, 1 to 20 ms, however much that shows."""
+    name, length = str(rng.choice(["moving_average", "exponential_filter"])), float(np.exp(rng.uniform(*LENGTHS)))
+    return lambda plant, size: with_effect(plant, "command_filter", **{name: length})
 
 
 def _mismatch(rng: np.random.Generator, of: Setting) -> Change:
