@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.support.plants.axis import Plant
-from tests.support.plants.score import answered, class_of, metric, near, quiet, summary
+from tests.support.plants.score import answered, class_of, metric, near, quiet, shares, summary, wilson, wrong
 
 TRUTH = {
     "name": "coulomb_friction",
@@ -100,3 +100,25 @@ def test_tables_count() -> None:
     wrong = result(findings=[finding("backlash")])
     lines = summary([result(), result(), wrong]).splitlines()
     assert lines[2] == "| single, clear | 3 | 67 % | 100 % | 100 % | wrong 1 |"
+
+
+def test_shares_of_what_is_asked() -> None:
+    other = result(findings=[finding("backlash")])
+    unsided = result(verdict="ambiguous", channels="unknown", findings=[finding("backlash", "X", "coulomb_friction")])
+    clean = result(kind="nothing", truths=[], verdict="nothing-missing", findings=[])
+    told = shares([result(), other, unsided, clean, clean | {"verdict": "unknown"}])
+    assert told["friction named"][:2] == [2, 3]
+    assert told["clean without a name"][:2] == [2, 2]
+    assert told["no wrong name without doubt"][:2] == [4, 5]
+    assert wrong(other)
+    assert not wrong(unsided)
+    assert wrong(result(kind="outside"))
+
+
+def test_an_interval_of_wilson_is_that_of_his_equation() -> None:
+    """Its ends are the shares that are 1.96 of their own standard deviations from what was counted."""
+    for hits, of in ((0, 7), (3, 9), (40, 40)):
+        for end in wilson(hits, of):
+            share = end / 100.0
+            spread = 1.96 * math.sqrt(share * (1.0 - share) / of)
+            assert abs(hits / of - share) == pytest.approx(spread, abs=1.5e-3)

@@ -17,10 +17,11 @@ from typing import Any
 
 import click
 
+from ph_post.errors import InputError
 from tests.support.plants.cases import Case, thinned
 from tests.support.plants.draw import CHANNEL_SETS
 from tests.support.plants.ranks import tell_apart
-from tests.support.plants.score import Result, answered, class_of, judge, near, summary
+from tests.support.plants.score import Result, answered, class_of, judge, left_by_identify, near, shares, summary
 from tests.support.plants.sizes import LEADING
 from tests.support.plants.trials import LOOPS, SINGLE_LOOPS, Trial, nothings, outsiders, pairs, singles
 
@@ -179,6 +180,31 @@ def run(cache: Path, jobs: int, out: Path, ranked: bool, every: int, again: bool
     click.echo(summary(read_results(out).values()))
 
 
+def identify_one(trial: Trial, folder: Path, with_file: bool) -> dict[str, Any]:
+    """Identify the axes of a case; where nothing can be, why."""
+    told: dict[str, Any] = {"key": trial.key}
+    try:
+        return told | {"left": left_by_identify(trial.case(folder), with_file)}
+    except InputError as refusal:
+        return told | {"refused": str(refusal)}
+    except Exception:
+        return told | {"error": traceback.format_exc()}
+
+
+@main.command()
+@_listing
+@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="Results, JSON lines.")
+@click.option("--with-file/--without-file", default=True, help="Whether there is a machine file to begin with.")
+def identify(cache: Path, jobs: int, out: Path, with_file: bool, **which: Any) -> None:
+    """Identify the axes of cases: what is left of the positions, in their noise."""
+    trials = [trial for trial in _trials(**which) if trial.key not in read_results(out)]
+    with out.open("a") as results:
+        for trial, told in each(identify_one, trials, jobs, cache, with_file):
+            results.write(json.dumps(told) + "\n")
+            results.flush()
+            click.echo(f"{trial.key}: {told}")
+
+
 @main.command()
 @click.argument("results", type=click.Path(path_type=Path, exists=True))
 @click.option("--cache", type=click.Path(path_type=Path), help="Take the rank test's numbers from here.")
@@ -206,6 +232,7 @@ def count(results: Path, out: Path) -> None:
         "cases": len(known),
         "answers": {kind: dict(counted.most_common()) for kind, counted in sorted(words.items())},
         "right, within 10 %": [sum(map(near, good)), len(good)],
+        "how many, of how many, percent by Wilson's interval of 95 %": shares(known.values()),
         "not right": {key: answered(r) for key, r in sorted(known.items()) if answered(r) != "right"},
     }
     out.write_text(json.dumps(told, indent=1) + "\n")

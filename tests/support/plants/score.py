@@ -8,13 +8,16 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tests.support.plants.axis import Plant
 from tests.support.plants.cases import Case, Truth
 from tests.support.plants.draw import LEAST
 from tests.support.plants.ranks import alike
 from tests.support.plants.trials import Trial
+
+if TYPE_CHECKING:
+    from ph_post.types import Log, Machine
 
 Result = dict[str, Any]
 
@@ -32,18 +35,39 @@ SCREW = 2.0 * 2.0 * math.pi / 5e-3
 """N / r [1/m] of the machine files' gear and screw."""
 
 
-def judge(trial: Trial, case: Case) -> Result:
-    """Hand the texts of a case to the diagnosis, as a person would, and keep what it says."""
-    from ph_post.diagnose.diagnose import diagnose
+def handed_in(case: Case, folder: Path) -> tuple[Log, Machine]:
+    """Read the texts of a case, as a person's."""
     from ph_post.drive.machinefile import read_machine
     from ph_post.identify.logprogram import read_log
 
+    (folder / "record.csv").write_text(case.log)
+    (folder / "machine.toml").write_text(case.machine)
+    machine = read_machine(folder / "machine.toml")
+    return read_log(folder / "record.csv", machine=machine), machine
+
+
+def left_by_identify(case: Case, with_file: bool) -> list[float]:
+    """Root mean square that the identified machine leaves of the positions of each axis, in their true noise."""
+    from ph_post.identify.identify import identify
+
+    with TemporaryDirectory() as folder:
+        log, machine = handed_in(case, Path(folder))
+        drives = identify(log, machine if with_file else None).drives
+    left = []
+    for name, drive in drives.items():
+        floors = [floor for key, floor in case.floors.items() if key[0] == name and not key.endswith("_force")]
+        left.append(drive.rms / math.sqrt(sum(floor**2 for floor in floors) / len(floors)))
+    return left
+
+
+def judge(trial: Trial, case: Case) -> Result:
+    """Hand the texts of a case to the diagnosis, as a person would, and keep what it says."""
+    from ph_post.diagnose.diagnose import diagnose
+
     begun = time.monotonic()
     with TemporaryDirectory() as folder:
-        (Path(folder) / "record.csv").write_text(case.log)
-        (Path(folder) / "machine.toml").write_text(case.machine)
-        machine = read_machine(Path(folder) / "machine.toml")
-        said = diagnose(read_log(Path(folder) / "record.csv", machine=machine), machine)
+        log, machine = handed_in(case, Path(folder))
+        said = diagnose(log, machine)
     findings = [
         {
             "name": each.name,
@@ -186,6 +210,54 @@ def quiet(result: Result) -> bool:
 def _good(result: Result) -> bool:
     word = answered(result)
     return word == "right" or (class_of(result) == "alike" and word == "ambiguous")
+
+
+FRICTIONS = ("coulomb_friction", "stribeck_friction")
+
+
+def sized(result: Result) -> bool:
+    """Whether the hidden effect is among the names, and its size is near, with a rival beside it or without."""
+    return answered(result) in ("right", "ambiguous") and near(result)
+
+
+def named(result: Result) -> bool:
+    """Whether the hidden effect is the name; of a position of unknown side whether it is one of both."""
+    word = answered(result)
+    return word == "right" or (word == "ambiguous" and class_of(result) == "alike")
+
+
+def shares(results: Iterable[Result]) -> dict[str, list[float]]:
+    """What of what is asked of cascades holds: how many, of how many, and Wilson's interval of 95 % [%]."""
+    results = list(results)
+    clear = [r for r in results if r["kind"] == "single" and class_of(r) in ("clear", "alike")]
+    of = {
+        "gaps sized": [sized(r) for r in clear if r["effects"] == ["backlash"]],
+        "friction named": [named(r) for r in clear if r["effects"][0] in FRICTIONS],
+        "filters named": [named(r) for r in clear if r["effects"] == ["command_filter"]],
+        "filters named, or with a delay": [
+            answered(r) in ("right", "ambiguous") for r in clear if r["effects"] == ["command_filter"]
+        ],
+        "clean without a name": [not r["findings"] for r in results if r["kind"] == "nothing"],
+        "outsiders unknown": [answered(r) == "right" for r in results if r["kind"] == "outside"],
+        "no wrong name without doubt": [not wrong(r) for r in results],
+    }
+    return {name: [sum(hits), len(hits), *wilson(sum(hits), len(hits))] for name, hits in of.items() if hits}
+
+
+def wrong(result: Result) -> bool:
+    """Whether the answer holds a name that is not hidden, and no word of doubt."""
+    truths = {(truth["name"], truth["axis"]) for truth in result["truths"]}
+    return result.get("verdict") == "named" and not names_of(result) <= (
+        truths if result["kind"] in ("single", "pair") else set()
+    )
+
+
+def wilson(hits: int, of: int) -> tuple[float, float]:
+    """Share that 95 % of such counts bear, least and most [%]: E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927)."""
+    z, share = 1.96, hits / of
+    half = z * math.sqrt(share * (1.0 - share) / of + z * z / (4.0 * of * of))
+    low, high = (100.0 * (share + z * z / (2.0 * of) + side * half) / (1.0 + z * z / of) for side in (-1.0, 1.0))
+    return round(low, 1), round(high, 1)
 
 
 def summary(results: Iterable[Result]) -> str:
