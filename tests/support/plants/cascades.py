@@ -8,6 +8,7 @@ the inertia. Steps are of the second order and end where the axis sticks, slips,
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -15,6 +16,7 @@ from scipy.signal import lfilter
 
 from tests.support.plants.axis import Forces, Plant
 from tests.support.plants.stepping import Floats
+from tests.support.plants.tracks import Track
 
 STEP = 1e-4
 """[s]."""
@@ -27,16 +29,21 @@ REST, SLIP, CROSS = "rest", "slip", "cross"
 
 def arrives(forces: Forces, end: float) -> tuple[list[float], list[float], list[float]]:
     """The command as it reaches the loops, its speed and its acceleration, a row each FINE."""
-    t = np.arange(math.ceil(end / FINE) + 3) * FINE
-    late = t - forces.late
-    place = np.array([forces.asked(one) for one in late.tolist()])
-    motion = np.array([forces.track.motion(forces.axis, one) for one in late.tolist()])
-    rows = [place, motion[:, 0], motion[:, 1]]
+    rows = _given(forces.track, forces.axis, forces.late, end)
     of = forces.plant.effect("command_filter")
     if of is not None:
         rows = [_averaged(_smoothed(row, of.get("exponential_filter")), of.get("moving_average")) for row in rows]
     place, speed, bend = (row.tolist() for row in rows)
     return place, speed, bend
+
+
+@lru_cache(maxsize=4)
+def _given(track: Track, axis: int, late: float, end: float) -> list[Floats]:
+    """The same before any filter; plants that differ in other things alone have it in common."""
+    times = (np.arange(math.ceil(end / FINE) + 3) * FINE - late).tolist()
+    at = track.command(axis)
+    speed, bend = np.array([track.motion(axis, one) for one in times]).T
+    return [np.array([at(one) for one in times]), speed, bend]
 
 
 def _averaged(row: Floats, length: float) -> Floats:

@@ -82,7 +82,7 @@ class Stretch:
         return self.radius * along * rate, self.radius * (along * gain + inward * rate * rate)
 
 
-@dataclass
+@dataclass(eq=False)
 class Track:
     """Stretches in time, for up to two axes; the command rests before the first and behind the last."""
 
