@@ -286,6 +286,7 @@ class ProgramMotion(MotionResult):
         if planned is None:
             self._progress(f"running the {self._name} on a model of the controller")
             planned = PlannedRun(self.program, self.machine, longest=longest)
+            self.program.source.let_go()
         return planned
 
     @cached_property

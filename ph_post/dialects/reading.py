@@ -23,7 +23,7 @@ from ph_post.dialects.declaration import declared_language
 from ph_post.dialects.registry import ENDINGS, SIGNATURES, find_dialect
 from ph_post.errors import InputError
 from ph_post.files.storage import STDIO, reading_errors
-from ph_post.gcode.program import RS274, Language, Motions, Note, PartProgram, PlaceArray, WordTable
+from ph_post.gcode.program import RS274, Language, Motions, Note, PartProgram, PlaceArray, WordSource, WordTable
 from ph_post.gcode.read import read_program, shortened
 from ph_post.gcode.words import excerpt
 from ph_post.types import Machine
@@ -105,7 +105,7 @@ def read_translated(
         data=data,
         digest=hashlib.sha256(data).hexdigest(),
         lines=lines,
-        words=_placed(found, data, lines, texts, in_place) if words is None else words,
+        source=WordSource(_placed(found, data, lines, texts, in_place) if words is None else words),
         notes=_notes(found, [_shown(note, data, lines) for note in found.notes], remarks, texts),
     )
 

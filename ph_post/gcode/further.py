@@ -79,7 +79,10 @@ def further_lines(program: PartProgram) -> Mapping[int, str]:
     >>> dict(further_lines(read_program(b"G0 A90\nG1 X5 A0 F100\nM2\n", "a.ngc")))
     {1: 'A'}
     """
-    words, found = program.words, further_words(program)
+    found = further_words(program)
+    if not found.size:
+        return {}
+    words = program.words
     own = found[np.isin(words.block[found], program.motions.block)]
     letters: dict[int, str] = {}
     for word in own.tolist():
@@ -98,9 +101,10 @@ def further_moves(program: PartProgram) -> Mapping[str, FurtherMoves]:
     >>> moves.block.tolist(), moves.alone.tolist(), (moves.end / DEGREE).round(9).tolist()
     ([0, 1], [True, False], [90.0, 45.0])
     """
-    words, found = program.words, further_words(program)
+    found = further_words(program)
     if not found.size:
         return {}
+    words = program.words
     bounds = _bounds(program)
     return {
         chr(letter): _moves_of(program, chr(letter), found[words.letter[found] == letter], bounds)

@@ -240,6 +240,35 @@ class WordTable(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return slice(int(low), int(high))
 
 
+class WordSource:
+    """The words of a program, which may be let go where its text gives them again.
+
+    They are as large as three copies of the text, and most of what is done with a program needs none.
+
+    Parameters
+    ----------
+    words : WordTable
+    read : callable or None
+        ``read()``: the same words once more; None where they are kept as long as the program.
+    """
+
+    def __init__(self, words: WordTable, read: Callable[[], WordTable] | None = None) -> None:
+        self._words: WordTable | None = words
+        self._read = read
+
+    def get(self) -> WordTable:
+        """Return the words, read again where they were let go."""
+        if self._words is None:
+            assert self._read is not None
+            self._words = self._read()
+        return self._words
+
+    def let_go(self) -> None:
+        """Keep the words no longer, if they can be read again."""
+        if self._read is not None:
+            self._words = None
+
+
 class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The motions of a program that are understood, m of them, in order. SI units.
 
@@ -337,14 +366,14 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `poles` are the centres (X, Y, Z) [units] that lines of their own set, None where not known or not set;
     `centre_users` by the line of what turns about one the line that sets it, and whether that is an arc that is
     understood. `rests` [s] are times for which X, Y and Z rest on lines that move other axes, where a model of the
-    controller has worked them out.
+    controller has worked them out. `source` has the words.
     """
 
     name: str
     data: bytes
     digest: str
     lines: PlaceArray
-    words: WordTable
+    source: WordSource
     motions: Motions
     modal: tuple[Modal, ...]
     state: PlaceArray
@@ -356,6 +385,11 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     poles: Mapping[int, tuple[float | None, ...]] = {}
     centre_users: Mapping[int, tuple[int, bool]] = {}
     rests: Mapping[int, float] = {}
+
+    @property
+    def words(self) -> WordTable:
+        """The words outside comments."""
+        return self.source.get()
 
     @property
     def blocks(self) -> int:
@@ -370,11 +404,17 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Return the modal state after a line; -1 is before the first."""
         return self.modal[self.state[block]] if block >= 0 else Modal()
 
-    def dwells(self, first: int = 0, last: int | None = None) -> tuple[PlaceArray, Array]:
-        """Return the lines of all G4 from `first` to before `last`, and their times [s], NaN where no plain number."""
+    def dwells(
+        self, first: int = 0, last: int | None = None, words: WordTable | None = None
+    ) -> tuple[PlaceArray, Array]:
+        """Return the lines of all G4 from `first` to before `last`, and their times [s], NaN where no plain number.
+
+        `words` may stand for all words where they have those of these lines.
+        """
         last = self.blocks if last is None else last
-        rows = self.words.rows(first, last)
-        block, letter, value = self.words.block[rows], self.words.letter[rows], self.words.value[rows]
+        words = self.words if words is None else words
+        rows = words.rows(first, last)
+        block, letter, value = words.block[rows], words.letter[rows], words.value[rows]
         seconds = np.full(last - first, np.nan)
         timed, times = self.language.dwells(letter, value)
         seconds[block[timed] - first] = times

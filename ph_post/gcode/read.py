@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from functools import partial
 from typing import Any, Final
 
 import msgspec
@@ -27,6 +28,8 @@ from ph_post.gcode.program import (
     NurbsData,
     PartProgram,
     PlaceArray,
+    WordSource,
+    WordTable,
     make_modal,
     number_text,
     span_of,
@@ -242,9 +245,7 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
         return program
     lines = lines_of(data, name)
     plain = language.hidden(data)
-    lexed = read_words(plain, lines)
-    if language.lengths is not None:
-        lexed = msgspec.structs.replace(lexed, words=language.lengths(lexed.words, plain))
+    lexed = _lexed(plain, lines, language)
     blocks = _resolve(lexed, plain, language)
     motions = _make_motions(lexed, blocks)
     notes = find_notes(lexed, data, blocks)
@@ -274,7 +275,7 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
         data=data,
         digest=hashlib.sha256(data).hexdigest(),
         lines=lines,
-        words=lexed.words,
+        source=WordSource(lexed.words, partial(_words_again, data, lines, language)),
         motions=msgspec.structs.replace(motions, chain=chain),
         modal=tuple(make_modal(row) for row in blocks.table),
         state=blocks.states,
@@ -288,6 +289,18 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
 def reread(program: PartProgram, data: bytes, name: str | None = None) -> PartProgram:
     """Read what was made of a program, or what it was made of, in the language that it was read in itself."""
     return read_program(data, program.name if name is None else name, language=program.language)
+
+
+def _lexed(plain: bytes, lines: PlaceArray, language: Language) -> Lexed:
+    """Read the words of a text of which all is hidden that is to be, with the numbers that the controller reads."""
+    lexed = read_words(plain, lines)
+    if language.lengths is None:
+        return lexed
+    return msgspec.structs.replace(lexed, words=language.lengths(lexed.words, plain))
+
+
+def _words_again(data: bytes, lines: PlaceArray, language: Language) -> WordTable:
+    return _lexed(language.hidden(data), lines, language).words
 
 
 def _resolve(lexed: Lexed, data: bytes, language: Language) -> _Blocks:

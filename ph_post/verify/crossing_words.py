@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from ph_post.gcode.numbers import COMMENT
-from ph_post.gcode.program import CUBIC, PartProgram
+from ph_post.gcode.program import CUBIC, PartProgram, WordTable, span_of
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
 from ph_post.verify.crossings import CrossedStretches
-from ph_post.verify.line_pairs import VerifyCase
+from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
 
 _OWN = b"GXYZFNIJKRPQ"
 """Letters of the blocks of crossings, and of the parts of motions beside them; P and Q of a path mode, too."""
@@ -30,11 +30,20 @@ _DROP = 1e-4
 """Extrusion [mm of filament] that is rounding, and the part of itself that is."""
 
 
-def check_crossing_words(case: VerifyCase, crossed: CrossedStretches) -> None:
-    """Check words, commands, extrusion and modes in the changes that name a crossing."""
+def words_of_changes(case: VerifyCase) -> tuple[WordTable, WordTable]:
+    """Return the words of the replaced and of the new lines of all changes."""
+    sides = ((case.original, case.lines.old_change), (case.compensated, case.lines.new_change))
+    old, new = (
+        program.words.take(np.flatnonzero(change[program.words.block] != NO_CHANGE)) for program, change in sides
+    )
+    return old, new
+
+
+def check_crossing_words(case: VerifyCase, crossed: CrossedStretches, words: tuple[WordTable, WordTable]) -> None:
+    """Check words, commands, extrusion and modes in the changes that name a crossing; `words` are those of changes."""
     changes = case.lines.changes
     for change in np.flatnonzero(changes.crossed).tolist():
-        _check_letters(case, change)
+        _check_letters(case, change, words)
         _check_modes(case, change)
         _check_breaks(case, change)
         _check_path_modes(case, change)
@@ -43,7 +52,7 @@ def check_crossing_words(case: VerifyCase, crossed: CrossedStretches) -> None:
         if change not in broken:
             own = _Places(case, crossed, change)
             _check_halts(case, own)
-            _check_commands(case, own, change)
+            _check_commands(case, own, change, words)
             _check_extrusion(case, own, change)
 
 
@@ -56,24 +65,29 @@ def _spans(case: VerifyCase, change: int) -> tuple[tuple[PartProgram, int, int],
     )
 
 
-def _check_letters(case: VerifyCase, change: int) -> None:
+def _check_letters(case: VerifyCase, change: int, words: tuple[WordTable, WordTable]) -> None:
     """Check that nothing but places and feeds is added to what the replaced lines say."""
-    (one, *old), (other, *new) = _spans(case, change)
-    there = set(_OWN) | set(one.words.letter[one.words.rows(old[0], old[1])].tolist())
-    rows = other.words.rows(new[0], new[1])
-    # A part of a G5.1 is a G5, which has a P and a Q.
-    splines = other.motions.block[other.motions.kind == CUBIC]
+    (_, *old), (other, *new) = _spans(case, change)
+    one, own = words
+    there = set(_OWN) | set(one.letter[one.rows(old[0], old[1])].tolist())
+    rows = own.rows(new[0], new[1])
     for word in range(rows.start, rows.stop):
-        letter = int(other.words.letter[word])
-        if letter not in there and not (letter == ord("Q") and other.words.block[word] in splines):
-            text = other.data[other.words.start[word] : other.words.end[word]].decode("latin-1")
+        letter = int(own.letter[word])
+        if letter not in there and not (letter == ord("Q") and _is_cubic(other, int(own.block[word]))):
+            text = other.data[own.start[word] : own.end[word]].decode("latin-1")
             case.findings.add(
                 "command",
                 "a word that has no place in a crossing",
-                compensated=int(other.words.block[word]),
+                compensated=int(own.block[word]),
                 expected="X, Y, Z, F and words of arcs",
                 got=text,
             )
+
+
+def _is_cubic(program: PartProgram, block: int) -> bool:
+    """Return True for a line with a cubic: a part of a G5.1 is a G5, which has a P and a Q."""
+    low, high = span_of(program.motions.block, block)
+    return bool(np.any(program.motions.kind[low:high] == CUBIC))
 
 
 def _check_modes(case: VerifyCase, change: int) -> None:
@@ -175,11 +189,11 @@ def _check_halts(case: VerifyCase, own: _Places) -> None:
             case.findings.add("path", "the path mode at its end is another one", original=int(block))
 
 
-def _check_commands(case: VerifyCase, own: _Places, change: int) -> None:
+def _check_commands(case: VerifyCase, own: _Places, change: int, words: tuple[WordTable, WordTable]) -> None:
     """Check that commands of replaced lines, and their dwells, stay where they were along the path."""
     (one, *old), (other, *new) = _spans(case, change)
-    before = _commands_of(one, old[0], old[1])
-    rest = _commands_of(other, new[0], new[1])
+    before = _commands_of(one, words[0], old[0], old[1])
+    rest = _commands_of(other, words[1], new[0], new[1])
     for letter, value, block in before:
         # Lost ones are found elsewhere; added dwells stand between them.
         at = next((n for n, found in enumerate(rest) if found[:2] == (letter, value)), None)
@@ -200,15 +214,15 @@ def _check_commands(case: VerifyCase, own: _Places, change: int) -> None:
             )
 
 
-def _commands_of(program: PartProgram, first: int, last: int) -> list[tuple[str, float, int]]:
+def _commands_of(program: PartProgram, words: WordTable, first: int, last: int) -> list[tuple[str, float, int]]:
     """Commands of some lines, in order: letter, value and line; of dwells the time [s]."""
-    rows, words = program.words.rows(first, last), program.words
+    rows = words.rows(first, last)
     wanted = np.isin(words.letter[rows], np.frombuffer(_COMMANDS, dtype=np.uint8))
     found = [
         (chr(int(words.letter[word])), float(np.nan_to_num(words.value[word])), int(words.block[word]))
         for word in (rows.start + np.flatnonzero(wanted)).tolist()
     ]
-    blocks, times = program.dwells(first, last)
+    blocks, times = program.dwells(first, last, words)
     found += [
         ("G", float(np.nan_to_num(time)), int(block))
         for block, time in zip(blocks.tolist(), times.tolist(), strict=True)

@@ -12,7 +12,7 @@ from ph_post.errors import InputError
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Machine
 from ph_post.units import MM
-from ph_post.verify.crossing_words import check_crossing_words
+from ph_post.verify.crossing_words import check_crossing_words, words_of_changes
 from ph_post.verify.crossings import check_crossings
 from ph_post.verify.declared import DeclaredChanges, read_declared
 from ph_post.verify.further import check_further
@@ -194,6 +194,9 @@ def _compare(case: VerifyCase, machine: Machine | None) -> None:
     check_commands(case)
     check_further(case)
     dwells = check_dwells(case)
+    changed = words_of_changes(case)
+    case.original.source.let_go()
+    case.compensated.source.let_go()
     pairing = pair_motions(case, dwells)
     if pairing is None:
         return
@@ -211,7 +214,7 @@ def _compare(case: VerifyCase, machine: Machine | None) -> None:
     check_path(case, pairing, plain, dwells)
     check_feeds(case, plain)
     crossings = check_crossings(case, pairing, found.take(crossed))
-    check_crossing_words(case, crossings)
+    check_crossing_words(case, crossings, changed)
     check_direction(case, pairing)
     check_leads(case, found.take(led), machine)
     if machine is not None:

@@ -18,6 +18,7 @@ from ph_post.gcode.program import (
     Modal,
     Motions,
     PartProgram,
+    WordSource,
     WordTable,
 )
 
@@ -124,7 +125,7 @@ class Tape:
             data=b"\n" * count,
             digest=hashlib.sha256(b"").hexdigest(),
             lines=np.arange(count + 1),
-            words=words,
+            source=WordSource(words),
             motions=self.motions(),
             modal=(Modal(),),
             state=np.zeros(count, dtype=np.int64),

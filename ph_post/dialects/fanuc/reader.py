@@ -27,7 +27,7 @@ from ph_post.dialects.reading import (
     text_of,
 )
 from ph_post.gcode.codes import QUIET
-from ph_post.gcode.program import AXES, NURBS, Language, Note, NurbsData, PartProgram, PlaceArray, WordTable
+from ph_post.gcode.program import AXES, NURBS, Language, Note, NurbsData, PartProgram, PlaceArray, WordSource, WordTable
 from ph_post.gcode.words import lines_of, read_words
 from ph_post.geometry.exact_polynomials import floats
 from ph_post.geometry.nurbs import bezier_spans
@@ -336,4 +336,4 @@ def _in_seconds(program: PartProgram, dwells: dict[int, int]) -> PartProgram:
         value[rows] = np.nan if power < 0 else value[rows] / 10.0**power
         places[rows] = -1 if power < 0 else places[rows] + power
     changed = msgspec.structs.replace(words, value=value, decimals=places)
-    return msgspec.structs.replace(program, words=changed)
+    return msgspec.structs.replace(program, source=WordSource(changed))

@@ -184,6 +184,8 @@ def _blocks(
     """
     parts: list[StraightBlocks] = []
     begin, least = np.zeros(3), 0.0
+    stops = stops_before(program)
+    program.source.let_go()
     for first in range(0, max(program.motions.kind.size, 1), ROOM):
         part = _part_of(program, first, first + ROOM)
         start, end = known_ends(part, begin)
@@ -193,7 +195,7 @@ def _blocks(
         if least > longest:
             parts = [without_places(one) for one in parts]
     blocks = join_blocks(parts)
-    pause, joined = rests_before(*stops_before(program), blocks.motion, planner)
+    pause, joined = rests_before(*stops, blocks.motion, planner)
     blocks = blocks._replace(pause=pause, joined=joined)
     check_duration(program, blocks.motion, blocks.length / blocks.speed + blocks.pause, period)
     return blocks
