@@ -153,11 +153,18 @@ def assemble(data: Any, start: Any, end: Any, pool: Any, bounds: Any, lines: Any
     lines : int array, shape (k, 4)
         Spans of lines, in order: start, end, and the start and end of what stands in their place in `text`.
     text : uint8 array
+
+    Raises
+    ------
+    ValueError
+        Where the spans of lines are not in order: more would be copied than there is room for.
     """
     out = np.empty(data.size + pool.size + text.size, np.uint8)
     at, done, n = 0, np.int64(0), 0
     for k in range(lines.shape[0] + 1):
         until = lines[k, 0] if k < lines.shape[0] else data.size
+        if until < done:
+            raise ValueError("spans of lines are not in order")
         while n < start.size and start[n] < until:
             if start[n] >= done:
                 at = _copy(data, done, np.int64(start[n]), out, at)

@@ -38,7 +38,6 @@ from ph_post.units import MM
 from ph_post.version import package_version
 
 _O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
-_BEGINS: Final = re.compile(rb"^[ \t\xef\xbb\xbf]*(?:\d+\s+)?BEGIN\s+PGM\b", re.IGNORECASE | re.MULTILINE)
 _COMMENT: Final = re.compile(r"\([^)]*\)|;.*")
 _PATH: Final = re.compile(rb"^\s*;\s*\$PATH=")
 """The folder of a SINUMERIK program, which stands right behind its name."""
@@ -303,9 +302,8 @@ def head_line(program: PartProgram) -> int:
     A byte order mark stays the first of all.
     """
     line, first = 0, program.text(0)
-    begins = None if program.language.read is None else _BEGINS.search(program.data)
-    if begins is not None:
-        line = int(np.searchsorted(program.lines, begins.end(), side="right"))
+    if program.begin_line is not None:
+        line = program.begin_line + 1
     elif first.startswith(codecs.BOM_UTF8) or first.strip().startswith(b"%"):
         line = 1
     if line < program.blocks and _O_NUMBER.match(program.text(line).rstrip()):

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from ph_post.gcode import codes
 from ph_post.types import Array, BoolArray, IntArray, sealed
 
+_BEGINS: Final = re.compile(rb"^[ \t\xef\xbb\xbf]*(?:\d+\s+)?BEGIN\s+PGM\b", re.IGNORECASE | re.MULTILINE)
+
 
 class Spelling(Protocol):
     """Writes blocks of a language whose motions are no RS274 words."""
@@ -395,6 +397,14 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def blocks(self) -> int:
         """Number of lines."""
         return self.lines.size - 1
+
+    @property
+    def begin_line(self) -> int | None:
+        """The line BEGIN PGM, of a language with its own reader; None where there is none before the first motion."""
+        found = None if self.language.read is None else _BEGINS.search(self.data)
+        line = self.blocks if found is None else int(np.searchsorted(self.lines, found.end(), side="right")) - 1
+        first = int(self.motions.block[0]) if self.motions.block.size else self.blocks
+        return line if line < first else None
 
     def text(self, block: int) -> bytes:
         """Return the bytes of a line, its line end included."""

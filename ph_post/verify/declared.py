@@ -22,9 +22,6 @@ _BEFORE = re.compile(rb"\xef\xbb\xbf.*\s*|\s*(?:%.*|O\d+\b.*|;\s*\$PATH=.*|\d*\s
 """Lines that may come before the header: one with a byte order mark, blank lines, ``%``, an O-number, a folder, BEGIN
 PGM."""
 
-_BEGINS = re.compile(rb"^[ \t]*(?:\d+[ \t]+)?BEGIN[ \t]+PGM\b", re.IGNORECASE | re.MULTILINE)
-"""The block before which a conversational program has not begun."""
-
 _ENDING = re.compile(rb"\s*(?:\d+\s+)?END\s+PGM\b.*\s*|\s*N\s*9999\d*\s*%.*\s*|\s*", re.IGNORECASE)
 """Lines that may come behind the undo lines: the one that closes a program, and blank ones."""
 
@@ -134,8 +131,7 @@ def comment_of(program: PartProgram, line: int) -> bytes:
 
 
 def _find_header(program: PartProgram) -> int | None:
-    begins = None if program.language.read is None else _BEGINS.search(program.data)
-    first = 0 if begins is None else program.data.count(b"\n", 0, begins.start())
+    first = program.begin_line or 0
     for number in range(first, min(program.blocks, first + _LEADING)):
         if _COMPENSATED.fullmatch(comment_of(program, number)):
             return number

@@ -4,6 +4,7 @@ import pytest
 from msgspec.structs import replace
 from support.corpus import compensated, stepper
 
+from ph_post.dialects.reading import read_as
 from ph_post.dialects.registry import find_dialect
 from ph_post.edit.undo import undo
 from ph_post.gcode.read import read_program
@@ -75,6 +76,16 @@ def test_a_byte_order_mark_stays_the_first_of_all():
     assert after != before
     assert after.startswith(b"\xef\xbb\xbf(part)\n(ph-post ")
     hold(before, after)
+
+
+def test_a_beginning_behind_cuts_is_not_where_the_head_goes():
+    cuts = "G1 X20. F600\nG3 X20. Y20. I0. J10.\nG1 X0.\nG3 X0. Y0. I0. J-10.\n"
+    head = "O1\nG21 G90 G17 G94\n"
+    before = f"{head}G0 X0. Y0. Z5.\nG1 Z-1. F200\n{2 * cuts}G0 Z5.\n0 BEGIN PGM A MM\nM30\n".encode()
+    after = compensated(read_as("fanuc", before, "a.nc"), MACHINE, find_dialect("fanuc"))
+    assert after.startswith(b"O1\n(PH-POST ")
+    assert after.count(b"(PH-POST: +") >= 2
+    assert undo(after, "b.nc") == before
 
 
 def test_text_behind_a_percent_sign_stays_before_the_head():

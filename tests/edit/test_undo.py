@@ -202,6 +202,8 @@ def test_spans_are_put_in_place_of_others() -> None:
     lines = np.array([[0, 0, 0, 1], [4, 6, 1, 4], [8, 8, 4, 4]])
     start, end, bounds = np.array([1, 4, 6]), np.array([2, 6, 8]), np.array([0, 1, 1, 3])
     assert assemble(data, start, end, pool, bounds, lines, text).tobytes() == b"La1cdINE23"
+    with pytest.raises(ValueError, match="not in order"):
+        assemble(data, start, end, pool, bounds, lines[[0, 2, 1]], text)
 
 
 def _stop(axis: str, motion: int, share: float, pause: float = 0.01) -> StopEdit:
