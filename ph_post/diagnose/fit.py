@@ -52,6 +52,9 @@ FIRST: Final = 1e-4
 LEAST: Final = {"dead_time": 2e-5}
 """Least standard error of base values that may be 0: command and reading are not sampled at the same instant [s]."""
 
+OF_A_ROW: Final = 0.01
+"""The same in parts of the time from row to row: what is laid between rows of a slow log may be so much late."""
+
 
 SETTINGS: Final = {"velocity_feedforward": 0.005}
 """Relative standard error of base values that are typed in and not measured: what a drive makes of them."""
@@ -124,8 +127,9 @@ def base_model(problem: AxisProblem) -> Model:
     fields = ["b", "c"] if plant.cascade is None else [*gains, "c"]
     if plant.gap > 0.0:
         fields += ["gap", "eta", "beta"] if plant.loop.encloses_backlash else ["gap"]
+    least = {field: max(error, OF_A_ROW * problem.period) for field, error in LEAST.items()}
     priors = tuple(
-        Prior(field=field, error=SETTINGS.get(field, PRIOR), least=LEAST.get(field, 0.0))
+        Prior(field=field, error=SETTINGS.get(field, PRIOR), least=least.get(field, 0.0))
         for field in fields
         if base_value(plant, field) > 0.0 or field in LEAST
     )
