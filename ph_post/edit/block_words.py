@@ -14,7 +14,7 @@ from ph_post.errors import InputError
 from ph_post.gcode.codes import takes_axes
 from ph_post.gcode.motion_parts import place, split_cubic
 from ph_post.gcode.program import ARC, AXES, CENTERS, CUBIC, PLANE_AXES, Modal, PartProgram, number_text
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, BoolArray, IntArray
 
 _CANNED: Final = (73, 76, 80, 81, 82, 83, 84, 85, 86, 87, 88, 89)
 MOTION_WORDS: Final = {
@@ -228,18 +228,21 @@ class PartWords:
         """Set the offset, in steps, with which the motion begins."""
         self._last = offset.copy()
 
-    def _steps(self, length: Array, coarse: bool) -> IntArray:
-        """Lengths [m] as whole steps of the finest decimal."""
-        decimals = self._coarse if coarse else self._fine
+    def _steps(self, length: Array, coarse: bool | BoolArray) -> IntArray:
+        """Lengths [m] as whole steps of the finest decimal, those that are `coarse` of the other one."""
+        decimals = np.where(coarse, self._coarse, self._fine)
         count = np.rint(np.where(np.isnan(length), 0.0, length) / self.modal.units * 10.0**decimals)
-        if np.abs(count).max() * 10.0 ** (self._fine - decimals) > _LARGEST:
+        if (np.abs(count) * 10.0 ** (self._fine - decimals)).max() > _LARGEST:
             where = f"{self.program.name}:{self.block + 1}"
             raise InputError(where, "a place that has too many digits to be written")
         return np.asarray(count.astype(np.int64) * 10 ** (self._fine - decimals))
 
     def _point(self, share: float) -> IntArray:
-        point = place(self.program.motions, self.motion, share)
-        return self._steps(point, coarse=0.0 < share < 1.0)
+        """Return a place of the motion; an axis that rests there is not rounded: no later part may name it again."""
+        motions, k = self.program.motions, self.motion
+        point = place(motions, k, share)
+        rests = (point == motions.start[k]) & (point == motions.end[k])
+        return self._steps(point, coarse=~rests & (0.0 < share < 1.0))
 
     def _text(self, count: int) -> str:
         return self._length(int(count), self._fine)

@@ -138,21 +138,25 @@ def _grown(rows: Any, count: int) -> Any:
 
 
 @inner
-def _write_reversal(view: Any, feed: Any, exact: Any, span: Any, known: bool, sign: int, row: Any) -> None:
+def _write_reversal(view: Any, feed: Any, exact: Any, span: Any, start: Any, known: bool, sign: int, row: Any) -> None:
     """Record the best place for a change of direction between two places at which the axis rests.
 
-    `span` is (first motion, its share, last motion, its share, end of the chain). A rapid that takes the axis
-    away carries the change, but where the side is not `known` on which it rests while the tool cuts. Else it is made
-    behind a rapid, before the tool goes down, or where the path stands or is slowest, the first of equals.
+    `span` is (first motion, its share, last motion, its share, end of the chain), `start` the chain's first place. A
+    rapid that takes the axis away carries the change, but where the side is not `known` on which it rests while the
+    tool cuts. Else it is made behind a rapid, before the tool goes down, or where the path stands or is slowest, the
+    first of equals. An axis whose side is not known has turned by no more than the dead band: it rests from `start` on.
     """
     k0, share0, k1, share1, high = span
+    inside = 0.0 < share0 < 1.0
+    if inside and not known:
+        k0, share0 = start
     row[SIGN], row[CARRIED], row[PASSED], row[BEYOND] = sign, 0.0, 0.0, 0.0
     row[FIRST], row[SHARE0], row[LAST], row[SHARE1] = k0, share0, k1, share1
     leaves = k1 + 1 if share1 == 1.0 else k1
     cuts = False
     for k in range(k0 + (share0 == 1.0), leaves):
         cuts = cuts or view[0][k] != RAPID
-    if leaves < high and view[0][leaves] == RAPID and (known or 0.0 < share0 < 1.0 or not cuts):
+    if leaves < high and view[0][leaves] == RAPID and (known or inside or not cuts):
         row[MOTION], row[SHARE], row[CARRIED] = leaves, 1.0, 1.0
         return
     row[MOTION], row[SHARE] = k0, share0
@@ -252,7 +256,7 @@ def find_reversals(view: Any, axis: int, feed: Any, exact: Any, low: Any, high: 
             continue
         room = _room(view, low[chain], high[chain])
         shares, places = np.empty(room), np.empty(room)
-        fresh, sign = True, 0
+        fresh, sign, start = True, 0, (0, 0.0)
         for k in range(low[chain], high[chain]):
             # The short way for straight motions, of which there may be a million.
             if not fresh and (kind[k] == LINE or kind[k] == RAPID):
@@ -266,7 +270,7 @@ def find_reversals(view: Any, axis: int, feed: Any, exact: Any, low: Any, high: 
                 if fresh:
                     _put(spot[0], x, k, share)
                     _put(spot[1], x, k, share)
-                    fresh = False
+                    fresh, start = False, (k, share)
                     continue
                 turned = _visit(spot, x, k, share, band[chain], sign)
                 if turned == 0:
@@ -274,7 +278,7 @@ def find_reversals(view: Any, axis: int, feed: Any, exact: Any, low: Any, high: 
                 known = sign != 0
                 rows, sign, old = _grown(rows, count), turned, spot[(1 - turned) // 2]
                 span = (int(old[1]), old[2], int(old[3]), old[4], high[chain])
-                _write_reversal(view, feed, exact, span, known, turned, rows[count])
+                _write_reversal(view, feed, exact, span, start, known, turned, rows[count])
                 rows[count, CHAIN] = chain
                 count += 1
                 _put(spot[0], x, k, share)

@@ -87,10 +87,15 @@ def check_crossings(case: VerifyCase, pairing: Pairing, found: Stretches) -> Cro
     # Where the path is flat, the table may wait outside it by what is declared, until the path comes back behind it.
     waits = np.minimum(declared.within, _WAITING * np.max(sides[:, :, 1] - sides[:, :, 0], axis=1))
     tables = [follow_play(new.points, new.first, sides, start, _ROUNDED * grid + EXACT + waits) for start in starts]
-    fine = _check_followed(case, whole, (old, new), tables, bound)
+    judged = [_says_something(new, starts, tables, number) for number in range(len(starts))]
+    fine = _check_followed(case, whole, (old, new), list(zip(tables, judged, strict=True)), bound)
     along = _lengths_along(old)
     places = [align(old.points, old.first, along, one.points, one.first, bound) for one in tables]
-    _check_declared(case, places, fine)
+    apart = [
+        float(away[np.repeat(own, np.diff(one.first))].max(initial=0.0))
+        for one, own, (_, away) in zip(tables, judged, places, strict=True)
+    ]
+    _check_declared(case, max(apart, default=0.0), fine)
     row = _row(old, along)
     table, (place, _) = tables[0], places[0]
     stretch = whole.new.stretch()
@@ -174,7 +179,7 @@ def _starts(case: VerifyCase, pairing: Pairing, found: Stretches, sides: Array) 
     """Return what the motors may be ahead of their tables where the stretches begin [m], each (r, 3).
 
     A shift to one side says that the axis was moving there. With none, it may be on any side that the motions
-    before leave possible.
+    before leave possible; the first has it where the shift says.
     """
     motions = case.compensated.motions
     first = found.new.motion[found.new.first[:-1]]
@@ -186,13 +191,33 @@ def _starts(case: VerifyCase, pairing: Pairing, found: Stretches, sides: Array) 
             ends = (motions.start[:, axis], motions.end[:, axis])
             known = possible_sides(ends, motions.chain, swings_of(motions, axis), both)[first]
             either[unknown, axis] = known[unknown]
-    axes = [axis for axis in range(len(AXES)) if np.any(either[:, axis, 1] > either[:, axis, 0] + EXACT)]
+            far = np.abs(either[:, axis] - shift[:, axis, None])
+            either[far[:, 1] < far[:, 0], axis] = either[far[:, 1] < far[:, 0], axis, ::-1]
+    axes = [axis for axis in range(len(AXES)) if np.any(np.abs(np.diff(either[:, axis])) > EXACT)]
     starts = []
     for ways in product((0, 1), repeat=len(axes)):
         choice = np.zeros(len(AXES), dtype=np.int64)
         choice[axes] = ways
         starts.append(np.take_along_axis(either, np.broadcast_to(choice[None, :, None], (*shift.shape, 1)), 2)[:, :, 0])
     return starts
+
+
+def _says_something(new: _Polylines, starts: list[Array], tables: list[TableWay], number: int) -> BoolArray:
+    """Mask of the stretches (r,) that a start says something of.
+
+    Where an axis is pushed to the side that its shift says before it crosses, the table is away from the path until
+    then as it is behind the original's motor, and the same as from the first start ever after.
+    """
+    mask = np.ones(len(new.first) - 1, dtype=np.bool_)
+    one, other = tables[0], tables[number]
+    for stretch in np.flatnonzero(np.any(np.abs(starts[number] - starts[0]) > EXACT, axis=1)).tolist():
+        low, high = int(new.first[stretch]), int(new.first[stretch + 1])
+        apart = np.abs(one.points[one.place[low:high]] - other.points[other.place[low:high]])
+        mask[stretch] = False
+        for axis in np.flatnonzero(apart[0] > EXACT).tolist():
+            turns = np.flatnonzero(one.turned[low:high, axis])
+            mask[stretch] |= not turns.size or bool(apart[turns[0] - 1, axis] > EXACT)
+    return mask
 
 
 def _polylines_of(
@@ -273,14 +298,21 @@ def _ignored(case: VerifyCase, old: _Polylines) -> Array:
 
 
 def _check_followed(
-    case: VerifyCase, found: Stretches, ways: tuple[_Polylines, _Polylines], tables: list[TableWay], bound: Array
+    case: VerifyCase,
+    found: Stretches,
+    ways: tuple[_Polylines, _Polylines],
+    tables: list[tuple[TableWay, BoolArray]],
+    bound: Array,
 ) -> BoolArray:
-    """Check that the table follows the original, whichever side it begins on; mask of the stretches where it does."""
+    """Check that the table follows the original, whichever side it begins on; mask of the stretches where it does.
+
+    With each table goes the mask of the stretches in which it is judged.
+    """
     old, new = ways
     fine = np.ones(found.change.size, dtype=bool)
     owner = np.repeat(found.new.motion, new.end - new.begin + 1)
-    for table in tables:
-        stuck = first_unreached(old.points, old.first, table.points, table.first, bound)
+    for table, judged in tables:
+        stuck = np.where(judged, first_unreached(old.points, old.first, table.points, table.first, bound), -1)
         for rank, place in enumerate(np.flatnonzero((stuck >= 0) & fine).tolist()):
             low, high = table.first[place], table.first[place + 1]
             at = min(int(low + stuck[place]), int(high) - 1)
@@ -297,11 +329,10 @@ def _check_followed(
     return fine
 
 
-def _check_declared(case: VerifyCase, places: list[tuple[Array, Array]], fine: BoolArray) -> None:
-    """Check that the largest distance of the table from the path is not far below the declared one."""
+def _check_declared(case: VerifyCase, farthest: float, fine: BoolArray) -> None:
+    """Check that the largest distance [m] of the table from the path is not far below the declared one."""
     if not fine.size or not fine.all():
         return
-    farthest = max(float(apart.max()) for _, apart in places)
     if farthest < case.declared.within - case.bound:
         case.findings.add(
             "crossing",

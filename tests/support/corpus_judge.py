@@ -163,7 +163,7 @@ def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | 
 
 
 def _laid(text: str) -> set[int] | None:
-    """Numbers of the lines in which a printer pushes filament; None where no line has a word for it."""
+    """Numbers of the lines in which a printer pushes filament; None where none does: it holds another tool."""
     found, absolute, at = set(), True, 0.0
     for number, line in enumerate(text.splitlines(), 1):
         words = dict(re.findall(r"([A-Z])([-+]?[\d.]+)", line.partition(";")[0]))
@@ -171,9 +171,9 @@ def _laid(text: str) -> set[int] | None:
         if "E" not in words:
             continue
         before, at = at if absolute else 0.0, float(words["E"])
-        if words.get("G") != "92" and at > before:
+        if words.get("G", "").lstrip("0") in ("", "1", "2", "3") and "G" in words and at > before:
             found.add(number)
-    return found if re.search(r"^[^;\n]*E[-+]?[\d.]", text, re.MULTILINE) else None
+    return found or None
 
 
 def _sampled(runs: list[list[Move]], laid: set[int] | None = None) -> tuple[np.ndarray, np.ndarray] | None:
