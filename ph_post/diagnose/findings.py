@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import msgspec
@@ -202,7 +202,7 @@ def findings_of(
                 axis=problem.axis.name,
                 parameters=_estimates(outcome, found),
                 where=where.get(label, ""),
-                evidence=evidence.get(label, ()),
+                evidence=(*evidence.get(label, ()), *_other_kinds(problem, standing.kinds)),
                 confidence=min(standing.confidence, 0.999),
                 ambiguous_with=standing.rivals,
                 setting=_setting(outcome, found),
@@ -214,6 +214,15 @@ def findings_of(
         findings = [one for one in findings if one.name != "backlash"]
         findings.append(_sides_finding(problem, outcome.sides, keys))
     return tuple(findings)
+
+
+def _other_kinds(problem: AxisProblem, kinds: Sequence[ModelPart]) -> Iterator[str]:
+    """Yield parts of the same name, of numbers of the axis itself, that explain the log as well."""
+    for part in kinds:
+        if part.hypothesis.name in OF_THE_AXIS:
+            for gives, value in part.hypothesis.values(problem, part.numbers).items():
+                unit, size = _SHOP[gives]
+                yield f"{gives.replace('_', ' ')} = {value / size:.2g} {unit} in its place explains the log as well"
 
 
 def _sides_finding(problem: AxisProblem, sides: SidesGap, others: Mapping[str, float]) -> Finding:

@@ -64,11 +64,13 @@ class PartConfidence(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Standing of a part of a model among the other names that could take its place.
 
     `rivals` explain the log as well; `confidence` is the part's weight among all that were tried, nothing
-    included; `better` is the fit with another name in its place, where that is better.
+    included; `better` is the fit with another name in its place, where that is better; `kinds` are parts of the
+    same name, as the other filter of a command, that explain it as well.
     """
 
     rivals: tuple[str, ...]
     confidence: float
+    kinds: tuple[ModelPart, ...] = ()
     better: FittedModel | None = None
 
 
@@ -248,11 +250,20 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
         for one in ranking
         if one.hypothesis.label != part.hypothesis.label and part.hypothesis.name not in one.hypothesis.within
     ]
+    margin = _margin(problem, last, mine)
+    kinds = [
+        one.fitted.model.parts[-1]
+        for one in ranking
+        if one.hypothesis.name == part.hypothesis.name not in one.hypothesis.within
+        and one.hypothesis.label != part.hypothesis.label
+        and one.score > mine - margin
+    ]
     weights = [np.exp(min(score - mine, 50.0)) for score in (mine, 0.0, *scores)]
     return PartConfidence(
         rivals=equal,
         confidence=float(1.0 / np.sum(weights)),
-        better=best.fitted if best.score > mine + max(PRICE, 0.5 * _margin(problem, last, mine)) else None,
+        better=best.fitted if best.score > mine + max(PRICE, 0.5 * margin) else None,
+        kinds=tuple(kinds),
     )
 
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from scipy.signal import lfilter
 
 from ph_post.diagnose.diagnose import diagnose
 from ph_post.diagnose.hypotheses.drives import SATURATION
@@ -17,7 +18,7 @@ from ph_post.identify.log_quality import examine
 from ph_post.simulate.machine import AxisCommand, run_plant
 from ph_post.types import AxisLog, Gap, Log, Machine
 from ph_post.types.diagnosis import Diagnosis
-from tests.support.cascade_plant import DRIVES, PERIOD, Drive, to_and_fro, two_bodies
+from tests.support.cascade_plant import DRIVES, PERIOD, Drive, motor_of, to_and_fro, two_bodies
 from tests.support.cascade_records import NOISE, log_of, machine_of, moves, record
 from tests.support.plants.axis import Hidden
 from tests.support.plants.axis import Plant as PlantOfTests
@@ -90,6 +91,21 @@ def test_an_integral_time_that_the_file_lacks() -> None:
     assert values["velocity_gain"] == pytest.approx(KNOWN.wv, rel=0.02)
     assert backlash.parameters["lost_motion"].value == pytest.approx(0.020, rel=0.01)
     assert found.steps[-1].holdout_rms < 1.5 * NOISE
+
+
+def test_the_other_kind_of_filter_is_said_where_it_explains_the_log_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An exponential filter of 2 ms, in noise in which a moving average of twice that looks the same."""
+    monkeypatch.setattr("tests.support.cascade_records.NOISE", 1e-6)
+    command, time = moves(SHORT), 2.0
+    kept = math.exp(-1.0 / time)
+    straight = [1.0 - time * (1.0 - kept), time * (1.0 - kept) - kept]
+    filtered = command[0] + lfilter(straight, [1.0, -kept], command - command[0])
+    found = diagnose(log_of(command, {"motor": motor_of(KNOWN, filtered, 0.0, fine=40)}, 1), machine_of(KNOWN))
+    (name,) = found.findings
+    assert name.name == "command_filter"
+    (kind,) = name.parameters
+    other = {"moving_average": "exponential filter = 2 ms", "exponential_filter": "moving average = 4 ms"}[kind]
+    assert f"{other} in its place explains the log as well" in name.evidence
 
 
 @pytest.mark.parametrize("every", [4, 10])
