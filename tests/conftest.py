@@ -44,7 +44,7 @@ COMPILING = (
 )
 """Commands that have nearly all compiled that tests use, a process each row."""
 
-SLOW_FOLDERS = ("pages", "hidden")
+SLOW_FOLDERS = ("tests/pages/", "tests/hidden/")
 """Folders whose tests drive a browser, or hide effects in plants and look for them."""
 
 ONE_AT_A_TIME = "tests/controllers"
@@ -98,6 +98,8 @@ LONG = (
     "property/test_verify_random.py",
     "hidden/test_ranks.py",
     "api/test_compiling.py",
+    "hidden/test_cascade_loop.py",
+    "slicers/test_real_slicers.py",
     "cli/test_machine.py",
     "drive/test_sweep.py",
     "property/test_limits.py",
@@ -143,7 +145,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             if cases[function] % slowly and os.environ.get(ALL) != EVERY:
                 item.add_marker(pytest.mark.skip(reason=f"one in {slowly} is tried: all with {ALL}={EVERY}"))
             cases[function] += 1
-        if item.path.is_relative_to(HERE) and item.path.relative_to(HERE).parts[0] in SLOW_FOLDERS:
+        if item.nodeid.startswith(SLOW_FOLDERS):
             item.add_marker(pytest.mark.slow)
         if item.get_closest_marker("slow") and not (named or os.environ.get(ALL)):
             item.add_marker(pytest.mark.skip(reason=f"slow: runs with {ALL}=1, or where its file is named"))
