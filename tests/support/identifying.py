@@ -26,7 +26,7 @@ def to_and_fro(rng: np.random.Generator, rounds: int = 3) -> Track:
 
 
 def one_way() -> Track:
-    return Track().rest(0.25).move((0.05, 0.0), 0.05, 1.0).rest(0.3)
+    return Track().rest(0.2).move((0.02, 0.0), 0.05, 1.0).rest(0.2)
 
 
 @dataclass
