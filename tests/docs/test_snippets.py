@@ -26,8 +26,9 @@ PROVIDED = {
 }
 """What a reader has: file names of the documents, and what stands for them here."""
 
-RECORD = b"".join((SAMPLES / "logs" / "worn_router.csv").read_bytes().splitlines(keepends=True)[:2600])
-"""What stands for run.csv: the first moves of a record that the documents also analyse as a whole."""
+LOG = SAMPLES / "logs" / "worn_router.csv"
+RECORD = b"".join(LOG.read_bytes().splitlines(keepends=True)[:2600])
+"""What stands for run.csv and for the shipped record: its first moves. `samples/` is tested with the whole of it."""
 
 STATUS = {"diff": 1, "verify": 0}
 """Exit status of commands that end with another than 0: compensated programs differ from their originals."""
@@ -56,8 +57,12 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, file in PROVIDED.items():
         shutil.copy(file, tmp_path / name)
     (tmp_path / "run.csv").write_bytes(RECORD)
-    for name in ("samples", "paths"):
-        (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "paths").symlink_to(ROOT / "paths")
+    (tmp_path / "samples" / "logs").mkdir(parents=True)
+    (tmp_path / "samples" / "logs" / LOG.name).write_bytes(RECORD)
+    for file in SAMPLES.iterdir():
+        if file.name != "logs":
+            (tmp_path / "samples" / file.name).symlink_to(file)
     (tmp_path / "from_cam").mkdir()
     shutil.copy(PROVIDED["part.ngc"], tmp_path / "from_cam")
     for folder, file in (("logs", "run.csv"), ("machines", "router.toml")):
