@@ -17,6 +17,7 @@ from ph_post.units import MM_PER_MIN
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "samples"
 PART = "G21 G90\nG0 X0 Y0\nG3 X0 Y0 I10 J0 F800\nM2\n"
+ARC = "G21 G90\nG0 X0 Y0\nG3 X5 Y5 I5 J0 F800\nM2\n"
 QUICK = 0.01
 
 
@@ -71,7 +72,7 @@ def test_an_axis_that_is_brought_onto_its_side_behind_a_rapid_is_in_the_air(part
         ("circle", "mill", ("--ratio", "0.3", "--feed", "900"), {"ratio": 0.3, "feed": 900 * MM_PER_MIN}),
     ],
 )
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_paths_are_written_as_the_command_writes_them(tmp_path, monkeypatch, capsys, path, machine, words, options):
     monkeypatch.chdir(tmp_path)
     assert answer(capsys, "convert", path, "-m", machine, "-o", "a.ngc", *words)[0] == 0
@@ -84,9 +85,9 @@ def test_paths_are_written_as_the_command_writes_them(tmp_path, monkeypatch, cap
 
 
 @pytest.mark.parametrize(
-    ("text", "machine"), [(PART, "router"), ("G21 G90\nG0 X0 Y0\nG1 X10 Y5 F600\nX0 Y10\nX10 Y15\nM2\n", "mill")]
+    ("text", "machine"), [(ARC, "router"), ("G21 G90\nG0 X0 Y0\nG1 X10 Y5 F600\nX0 Y10\nX10 Y15\nM2\n", "mill")]
 )
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_programs_are_written_as_the_command_writes_them(tmp_path, monkeypatch, capsys, text, machine):
     monkeypatch.chdir(tmp_path)
     Path("part.ngc").write_text(text)
@@ -134,7 +135,7 @@ def test_a_program_is_read_in_the_machine_s_language(part):
 
 
 @pytest.mark.parametrize("command", [("convert",), ("filter",)], ids=lambda words: words[0])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_every_command_falls_back_to_feeds_where_the_dialect_writes_no_jogs(tmp_path, monkeypatch, capfd, command):
     """Jogs between two stops are blended away where a dwell does not stop the axes."""
     monkeypatch.chdir(tmp_path)

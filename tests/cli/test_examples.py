@@ -29,9 +29,8 @@ RUN = {
     "machines",
     "machine",
     "completion",
-    "demo",
 }
-"""Commands whose examples run here; others need a controller, a screen, a record, or too long."""
+"""Commands whose examples run here; others need a controller, a screen, a record, or too long, or run elsewhere."""
 
 EXAMPLES = [(page.words.split()[1], line) for page in PAGES for line in page.examples if "ph-post " in line]
 

@@ -67,7 +67,9 @@ def test_what_more_time_would_bring_is_true() -> None:
     assert np.all(error(short, analysis) <= 1.003 * error(planned(analysis, "none"), analysis))
 
 
-@pytest.mark.parametrize(("path", "machine"), [("oval", "mill"), ("pocket", "router")])
+@pytest.mark.parametrize(
+    ("path", "machine"), [pytest.param("oval", "mill", marks=pytest.mark.slow), ("pocket", "router")]
+)
 def test_runs_that_share_their_rest_have_the_sizes_of_whole_ones(path: str, machine: str) -> None:
     analysis = analysis_of(path, machine)
     plan = planned(analysis, "takeup", effort=0.02)
@@ -80,7 +82,7 @@ def test_runs_that_share_their_rest_have_the_sizes_of_whole_ones(path: str, mach
 
 
 @pytest.mark.parametrize(("machine", "times"), [("stepper", 1), ("router", 2)])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_nothing_is_tried_without_inverse_dynamics_where_no_axis_lags(machine: str, times: int) -> None:
     said: list[str] = []
     options = PlanOptions(strategy="auto", inverse_dynamics=True, effort=0.01)
@@ -131,7 +133,7 @@ def test_offsets_without_a_stop_are_led_in_no_more_time() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("servo", [{"ki_over_kp": 8.0}, {"ki_over_kp": 8.0, "kd_over_kp": 0.005}], ids=["PI", "PID"])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_an_oval_is_ten_times_as_exact_with_an_integrator(servo: dict[str, float]) -> None:
     """While it unwinds at the end there is time left for axes to be pushed onto their sides."""
     mill = read_machine("mill")
