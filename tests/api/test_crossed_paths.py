@@ -52,7 +52,7 @@ def undone(result) -> bytes:
     return ph.undo(SourceBytes(name="part.nc", stem="part", data=result.program()))
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(6)
 def test_errors_before_and_after_are_those_of_a_reference_player(result):
     original = undone(result)
     # Grbl's chords leave an arc by 2 µm (its arc_tolerance), which the player's arcs do not.

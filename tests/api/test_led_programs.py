@@ -193,7 +193,7 @@ M2
 
 
 @pytest.mark.parametrize(("machine", "led"), [("mill", True), ("router", False)])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_the_best_of_lead_and_backlash_is_written(machine: str, led: bool) -> None:
     program = read_program(SQUARE.encode(), "square.ngc")
     found = ph.compensate(program, machine, lead_program=True, effort=0.02)

@@ -86,7 +86,7 @@ def test_bash_completes_options(shell):
         (("completion", ""), ("bash", "zsh", "fish")),
     ],
 )
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(8)
 def test_bash_completes_names(shell, words, names):
     assert set(bash(shell, "ph-post", *words)) == set(names)
 

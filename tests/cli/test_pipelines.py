@@ -195,7 +195,7 @@ def extrusion(program):
 
 
 @pytest.mark.parametrize("dialect", ["marlin", "klipper"])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_a_print_keeps_its_extrusion(tmp_path, dialect):
     """Every E of the original stands in the outcome, in order; what is between lies between."""
     machine, handed = tmp_path / "printer.toml", tmp_path / "print.gcode.pp"

@@ -99,7 +99,7 @@ def test_the_log_is_the_same_every_time(capsys):
 
 
 @pytest.mark.parametrize("ending", [".png", ".svg", ".pdf"])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_pictures_with_and_without_a_path(capsys, tmp_path, table, ending):
     for number, more in enumerate(((), ("--path", OVAL))):
         picture = tmp_path / f"{number}{ending}"

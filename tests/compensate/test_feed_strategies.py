@@ -306,7 +306,7 @@ def test_views_list_the_pieces() -> None:
 
 
 @pytest.mark.parametrize("strategy", ["dwell", "linear", "retrograde"])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_the_command_line_knows_them(strategy: str, tmp_path) -> None:
     target = tmp_path / "part.ngc"
     allowed = ["--allow-retrograde"] if strategy == "retrograde" else []

@@ -85,7 +85,7 @@ def behind_play(position: np.ndarray, gap: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("flank", [-1, 1])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_a_table_behind_a_play_stays_on_the_path(flank) -> None:
     analysis, plan = written(read_path(shipped("paths", "oval")), "stepper")
     track, period = analysis.track, plan.machine.servo_period
@@ -120,7 +120,7 @@ def test_the_path_rests_during_jogs_and_dwells() -> None:
 
 
 @pytest.mark.parametrize("machine", ["stepper", "router"])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_the_gain_over_none_of_loops_that_are_not_closed_over_the_table(machine) -> None:
     analysis, plan = written(read_path(shipped("paths", "oval")), machine)
     before, after = before_and_after(analysis, plan)

@@ -128,7 +128,7 @@ def same_phase(one: Phase, other: Phase) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("feedback", ["load", "motor"])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_the_same_job_gives_the_same_plan_twice(feedback: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(survey, "MOST", 60)
     machine = make_machine(feedback=feedback)

@@ -36,7 +36,7 @@ def test_what_is_counted_is_what_the_rows_show() -> None:
 
 
 @pytest.mark.parametrize("most", [0.0, 0.25])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_the_bound_is_kept_and_what_is_left_is_no_worse(most: float) -> None:
     found = oval(max_standstill=most)
     assert standing(found.table()) <= most + 0.01

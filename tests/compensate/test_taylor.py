@@ -26,7 +26,7 @@ def observed_order(errors: list[float]) -> float:
 
 @pytest.mark.parametrize("start", ["rest", "moving"])
 @pytest.mark.parametrize(("order", "expected"), [(1, 1), (2, 2)])
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(6)
 def test_feed_error_falls_with_the_period_as_the_order_says(order: int, expected: int, start: str) -> None:
     track, plan = planned(make_path([QUINTIC], feed=0.04), PlanOptions(strategy="none", start=start))
     errors = []

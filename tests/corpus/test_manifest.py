@@ -34,7 +34,7 @@ def test_the_manifest_says_what_becomes_of_every_program():
 
 
 @pytest.mark.parametrize("name", TRIED)
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(8)
 def test_a_program_becomes_what_the_manifest_says(name):
     if name not in ALL:
         pytest.skip("the program comes with Debian's linuxcnc-uspace, which is not installed")

@@ -14,7 +14,7 @@ ALL = np.ones(10_000, dtype=np.bool_)
 
 @pytest.mark.parametrize("quantum", [0.0, 0.5, 1.0, 2.0])
 @pytest.mark.parametrize("size", [300, pytest.param(3000, marks=pytest.mark.slow)])
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(6)
 def test_white_noise_on_a_grid_is_no_structure(quantum: float, size: int) -> None:
     rng = np.random.default_rng(round(10.0 * quantum) + size)
     found = colours = 0

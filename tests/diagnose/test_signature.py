@@ -49,7 +49,7 @@ def test_sizes_by_rotation() -> None:
 
 
 @pytest.mark.parametrize("period", [0.7 * MM, 5.0 * MM, 11.3 * MM])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_a_period_its_amplitude_and_phase(period: float) -> None:
     m = to_and_fro()
     wave = 2.0 * UM * np.sin(2.0 * np.pi * m.x / period + 0.8)

@@ -260,7 +260,7 @@ PART = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", [PART, PART.replace(b"G0 Z5.\nM30", b"M30")], ids=["retracted", "ends in the cut"])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_splicing_writes_points_milliseconds_and_capitals_and_can_be_undone(part: bytes) -> None:
     found = compensate(part, read_machine("stepper"), dialect="fanuc").text
     assert undo(found, "a.nc") == part

@@ -55,7 +55,7 @@ def ran(name: str, dialect: str) -> Reader:
     return RUN[dialect](written(name, dialect).text)
 
 
-@pytest.mark.thinned(6, 2)
+@pytest.mark.thinned(12, 2)
 @pytest.mark.parametrize(("name", "dialect"), list(product(NAMES, RUN)))
 def test_a_control_would_go_along_the_shipped_path(name: str, dialect: str) -> None:
     program, found = written(name, dialect), ran(name, dialect)
@@ -73,7 +73,7 @@ def test_a_control_would_go_along_the_shipped_path(name: str, dialect: str) -> N
     assert distance(thinned, reached).max() <= 2.0 * TOLERANCE + 2.0 * quantum
 
 
-@pytest.mark.thinned(6, 2)
+@pytest.mark.thinned(12, 2)
 @pytest.mark.parametrize(("name", "dialect"), list(product(NAMES, RUN)))
 def test_reading_back_gives_what_a_control_would_do(name: str, dialect: str) -> None:
     program, expected = written(name, dialect), ran(name, dialect).run.moves
@@ -170,7 +170,7 @@ def test_plain_programs_hold_no_word_of_an_option() -> None:
 
 
 @pytest.mark.parametrize("dialect", ["fanuc", "heidenhain", "heidenhain-iso", "heidenhain+tolerance"])
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(6)
 def test_the_programs_of_a_calibration_kit_are_in_the_language_too(dialect: str, tmp_path: Path) -> None:
     shipped = Path(__file__).resolve().parents[2] / "samples" / "machines" / "mill.toml"
     machine = tmp_path / "mill.toml"

@@ -273,7 +273,7 @@ CURVES = [
 
 
 @pytest.mark.parametrize("curve", CURVES)
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_own_programs_are_read_back(curve) -> None:
     """Motions against an independent reading of the same text in exact numbers: places, and times."""
     track = Track(make_path([curve]))

@@ -126,7 +126,7 @@ CURVES = {
 
 @pytest.mark.parametrize("low", [0.9, 0.2, -0.5])
 @pytest.mark.parametrize("curve", CURVES)
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(6)
 def test_feeds_follow_the_profile(curve: str, low: float) -> None:
     """Cubics over the way of the blocks that were written, against the profile itself; -0.5 goes to 2 %."""
     mpmath.mp.dps = 25

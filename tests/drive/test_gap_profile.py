@@ -59,7 +59,7 @@ def run(
 @pytest.mark.parametrize("effects", [(SLOPE,), (BUMP,), (BOTH, DRY)], ids=["slope", "bump", "both"])
 @pytest.mark.parametrize("feedback", ["load", "motor"])
 @pytest.mark.parametrize("flank", [1, -1])
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(8)
 def test_against_an_integration(effects: tuple[EffectSetting, ...], feedback: Feedback, flank: int) -> None:
     axis = make_axis(feedback, **SOFT, flank=flank, effects=effects)
     ours = simulate(make_command(WAVES[:, None], PERIOD), make_machine([axis], PERIOD))

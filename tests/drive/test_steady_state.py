@@ -45,7 +45,7 @@ def test_pd_loop_is_a_p_loop_until_the_gap_opens() -> None:
     ],
 )
 @pytest.mark.parametrize("beta", [0.0, 1.0, 40.0])
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(6)
 def test_settled_orbit_and_first_reversal_by_integration(servo: Servo, beta: float) -> None:
     """Eight reversals from rest: T is 2 s, the slowest mode's time 1/2 s: exp(-28) of the start is left."""
     gap = replace(PAPER_GAP, beta=beta)

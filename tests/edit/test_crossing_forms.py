@@ -50,7 +50,7 @@ def test_a_one_sided_crossing_leaves_an_eighth(radius: float, speed: float, time
 
 
 @pytest.mark.parametrize(("radius", "speed", "time"), SMALL)
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(8, 2)
 def test_a_balanced_crossing_leaves_a_sixteenth_and_is_left_on_tangents(
     radius: float, speed: float, time: float
 ) -> None:
@@ -165,7 +165,7 @@ def lagging_axis(lag: float, b: float) -> Axis:
 @pytest.mark.parametrize("lag", [0.005, 0.01, 0.025])
 @pytest.mark.parametrize("first", [0.01, 0.0141, 0.03])
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.25])
-@pytest.mark.thinned(6)
+@pytest.mark.thinned(12)
 def test_the_shape_that_is_chosen_brings_the_motor_there(lag: float, first: float, share: float) -> None:
     # b is a share of c²: at a quarter the loop is critically damped.
     b = share * lag**2

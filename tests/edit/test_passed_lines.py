@@ -54,6 +54,7 @@ def hold(before, after):
 
 
 @pytest.mark.parametrize("name", DEFECTS)
+@pytest.mark.thinned(4)
 def test_a_defect_leaves_the_rest_to_be_compensated_and_is_not_touched(name):
     before, after = job(DEFECTS[name])
     passed, rest = (after.split(DEFECTS[name].encode() + b"\n", 1)) if DEFECTS[name].encode() in after else (b"", b"")

@@ -151,7 +151,7 @@ CURVES = {
 @pytest.mark.parametrize("name", CURVES)
 @pytest.mark.parametrize("decimals", [3, 4, 12])
 @pytest.mark.parametrize("count", [401])
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(8)
 def test_both_ways_within_tolerance(name: str, decimals: int, count: int) -> None:
     points = np.round(CURVES[name](np.linspace(0.0, 1.0, count)), decimals) * MM
     track = track_of(points)

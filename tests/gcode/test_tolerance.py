@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from support.amount import examples
 from support.canon import needs_rs274, number_lines, run_rs274
 
 from ph_post.errors import InputError
@@ -171,7 +172,7 @@ def assert_true(program, canon, but):
 
 
 @needs_rs274
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(examples(40)))
 def test_what_is_known_behind_a_line_is_true_whether_it_was_obeyed_or_not(seed):
     rng = random.Random(seed)
     line, form = rng.choice(VALID), rng.choice(BROKEN)
@@ -188,7 +189,7 @@ def test_what_is_known_behind_a_line_is_true_whether_it_was_obeyed_or_not(seed):
 
 
 @needs_rs274
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(examples(40)))
 def test_places_are_those_of_linuxcnc_behind_everything_that_moves_or_names_them(seed):
     rng = random.Random(1000 + seed)
     lines = [*HEAD.splitlines(), *rng.choices((*VALID, *FOLLOWS), k=16), "M2"]

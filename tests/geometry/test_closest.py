@@ -81,6 +81,7 @@ def test_no_sample_is_closer_than_the_closest_point(name: str, away: float) -> N
 
 @pytest.mark.parametrize("away", [1e-6, 1e-3])
 @pytest.mark.parametrize("name", [*PIECES, "bezier"])
+@pytest.mark.thinned(4)
 def test_no_sample_is_closer_in_the_order_of_travel(name: str, away: float) -> None:
     control = NO_CONTROL
     if name == "bezier":

@@ -32,7 +32,7 @@ RS274 = shutil.which("rs274")
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda folder: folder.name)
-@pytest.mark.thinned(6)
+@pytest.mark.thinned(12)
 def test_program_is_as_it_was(
     case: Path, tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:

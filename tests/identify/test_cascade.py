@@ -34,7 +34,7 @@ def off(found: Estimate, true: float) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("weight", "gap", "channels"), CASES)
-@pytest.mark.thinned(2, 2)
+@pytest.mark.thinned(4, 2)
 def test_structure_gains_and_gap(weight: float, gap: float, channels: str) -> None:
     """What a free run leaves is the noise, though steps of the reference are 25 µs long."""
     drive = Drive(tn=12e-3, velocity=weight)
@@ -54,7 +54,7 @@ def test_structure_gains_and_gap(weight: float, gap: float, channels: str) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("weight", [0.95, 1.0])
-@pytest.mark.thinned(2, 2)
+@pytest.mark.thinned(4, 2)
 def test_a_current_loop_is_found_or_allowed_for(weight: float) -> None:
     drive = Drive(tn=12e-3, velocity=weight, current=5e-4)
     shown = identify(record(drive), feedback={"X": "motor"}).drives["X"]

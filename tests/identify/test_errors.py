@@ -37,7 +37,7 @@ def coverage(memory: float, prior: float | None = None) -> list[float]:
 
 
 @pytest.mark.parametrize("memory", [0.0, 5.0, 25.0])
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(8)
 def test_one_standard_error_holds_the_truth_in_60_to_75_of_100(memory: float) -> None:
     assert all(0.60 <= one <= 0.75 for one in coverage(memory))
 

@@ -63,7 +63,7 @@ def test_a_short_log_is_taken_whole() -> None:
 
 
 @pytest.mark.parametrize("period", [1e-3, 5e-4])
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(8)
 def test_an_excerpt_shows_what_is_rare_and_is_no_longer_than_it_may(period: float) -> None:
     seconds = 150.0
     log = logged(seconds, period)

@@ -125,7 +125,7 @@ def test_a_grid_counts_to_the_noise() -> None:
 @pytest.mark.parametrize("quantum", [1.0, 5.0, 20.0])
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.5])
 @pytest.mark.parametrize("cycle", [4.0, 3.3337])
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(8)
 def test_rounding_that_repeats_with_the_motion_is_noise_all_the_same(
     quantum: float, noise: float, cycle: float
 ) -> None:

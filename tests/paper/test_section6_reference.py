@@ -53,7 +53,7 @@ def test_papers_mode(ratio: float, largest: float, rms: float | None) -> None:
     ("ratio", "largest"),
     [(1.0, 2.19e-3), (0.25, 1.36e-3), (-0.3, 1.05e-3), (-0.4, 2.09e-3), (-0.45, 2.76e-3)],
 )
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(6)
 def test_every_reversal_of_both_axes(ratio: float, largest: float) -> None:
     error, _, _ = honest(ratio, "standstill")
     assert np.abs(error).max() == pytest.approx(largest, rel=0.03)

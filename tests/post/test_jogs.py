@@ -50,7 +50,7 @@ def jogs_of(moves: list[Move]) -> list[int]:
 @pytest.mark.parametrize("mode", ["per-minute", "inverse-time"])
 @pytest.mark.parametrize("dialect", ["linuxcnc", "grbl"])
 @pytest.mark.parametrize("name", list(CASES))
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(8)
 def test_the_path_plus_the_offset_is_what_is_run(name: str, dialect: str, mode: str) -> None:
     plan, track = planned(name)
     program = make_program(plan, track, find_dialect(dialect), replace(HOW, feed_mode=mode))

@@ -39,7 +39,7 @@ def sampled(run: interpreter.Run) -> np.ndarray:
         ("slot_linuxcnc", {"strategy": "suppress", "block_time": 1e-3}),
     ],
 )
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_path_and_time_are_those_of_the_unrounded_program(
     monkeypatch: pytest.MonkeyPatch, case: str, how: dict[str, object]
 ) -> None:

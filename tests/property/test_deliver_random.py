@@ -4,6 +4,7 @@ import random
 
 import pytest
 from msgspec.structs import replace
+from support.amount import examples
 from support.corpus import stepper
 from support.part_programs import random_program
 
@@ -38,16 +39,15 @@ def asked(rng: random.Random) -> ProgramRequest:
 
 
 @pytest.mark.parametrize("start", [0, *(pytest.param(one, marks=pytest.mark.slow) for one in (30, 60, 90))])
-@pytest.mark.thinned(3)
 def test_what_is_delivered_passes_and_comes_back(start):
-    changed = 0
-    for seed in range(start, start + 30):
+    changed, tried = 0, examples(30)
+    for seed in range(start, start + tried):
         rng = random.Random(seed)
         data = random_program(rng, moves=rng.choice((14, 30)), tools=rng.random() < 0.5)
         found = compensate_program(read_program(data, f"seed {seed}"), machine_of(rng), asked(rng))
         assert undo(found.after.data, "part.ngc") == data if found.verdict else found.after.data == data
         changed += found.after.data != data
-    assert changed > 15
+    assert changed > tried // 2
 
 
 @pytest.mark.parametrize(("seed", "tools"), [(12498, False), (1566, True), (1062, True), (2856, True)])

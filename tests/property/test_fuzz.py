@@ -12,7 +12,7 @@ DRAWN += [("lines", number) for number in range(len(LANGUAGES))]
 
 
 @pytest.mark.parametrize(("kind", "number"), DRAWN)
-@pytest.mark.thinned(6, 3)
+@pytest.mark.thinned(12, 3)
 def test_nothing_goes_wrong_but_what_is_said_in_one_line(kind: str, number: int) -> None:
     if kind == "lines" and not NCFILES.exists():
         pytest.skip("the numbers are drawn where Debian's linuxcnc-uspace is installed, with its programs among them")

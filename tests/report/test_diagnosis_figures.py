@@ -43,7 +43,7 @@ def test_the_start_does_not_set_the_scale():
 
 
 @pytest.mark.parametrize("verdict", ["named", "nothing-missing", "ambiguous", "unknown", "not-identifiable"])
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(6)
 def test_every_verdict_has_a_picture(verdict):
     picture = write_figure(draw_diagnosis(each_verdict()[verdict]), "diagnosis.png")
     assert picture.startswith(b"\x89PNG")

@@ -179,7 +179,7 @@ def planned(said, **options):
 @pytest.mark.parametrize("start", ["rest", "moving"])
 @pytest.mark.parametrize("strategy", ["step", "takeup"])
 @pytest.mark.parametrize("said", SIDES)
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(8)
 def test_a_table_is_exact_on_both_sides_and_adds_nothing_on_that_of_the_zero(said, strategy, start):
     machine, analysis, command = planned(said, strategy=strategy, start=start)
     first = int(0.5 / machine.servo_period)

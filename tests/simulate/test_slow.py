@@ -176,7 +176,7 @@ def two_bodies(force: Force, rule: Pickup) -> Integrated:
 
 
 @pytest.mark.parametrize("name", SMOOTH)
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_a_force_on_an_axis_without_a_gap(name: str) -> None:
     """Closer than what a part of a sample may be wrong by."""
     found = run(make_axis("load", gap=0.0, **SOFT, effects=plugged(name)))
@@ -209,7 +209,7 @@ def test_a_force_on_the_motor_before_a_gap_outside_the_loop() -> None:
 
 
 @pytest.mark.parametrize("rule", ["standstill", "momentum"])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_a_force_and_a_gap_inside_the_loop(rule: Pickup) -> None:
     """Also where a pick-up makes the force jump within a sample."""
     found = run(make_axis("load", gap=GAP, **SOFT, pickup=rule, effects=plugged("cubic")))

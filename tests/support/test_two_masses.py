@@ -15,7 +15,7 @@ RULES = ("standstill", "momentum", "contact")
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("servo", [(0.0, 0.0), (3.0, 0.0), (2.0, 2e-3)])
 @pytest.mark.parametrize("rule", RULES)
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(8)
 def test_small_steps_come_to_the_same_table(rule: str, servo: tuple[float, float], side: int) -> None:
     t = PERIOD * np.arange(500)
     command = 0.004 * (1.0 - np.cos(13.0 * t)) - 1e-3 * np.sin(31.0 * t)
@@ -33,7 +33,7 @@ FRICTION = ((30e-6, 0.0, 0.0, 0.0), (20e-6, 15e-6, 2e-3, 12e-6), (25e-6, 0.0, 0.
 @pytest.mark.parametrize("dry", FRICTION)
 @pytest.mark.parametrize("gap", [40e-6, 0.0])
 @pytest.mark.parametrize("rule", RULES)
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(8)
 def test_friction_holds_and_brakes_the_same_table(rule: str, gap: float, dry: tuple[float, ...]) -> None:
     force, more, speed, load = dry
     t = PERIOD * np.arange(600)

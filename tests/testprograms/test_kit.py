@@ -68,7 +68,7 @@ def test_every_shipped_machine_is_tried() -> None:
 
 
 @pytest.mark.parametrize(("machine", "dialect", "room"), CASES)
-@pytest.mark.thinned(6)
+@pytest.mark.thinned(12)
 def test_programs_keep_to_the_room_and_end_where_they_begin(machine: str, dialect: str, room: str) -> None:
     drives, start = read_machine(machine), start_of(room)
     reach, words = reach_of(room, drives), find_dialect(dialect)
@@ -107,7 +107,7 @@ def test_the_reader_understands_all_of_them(machine: str, dialect: str, room: st
         ("old_mill", "grblhal", "at zero"),
     ],
 )
-@pytest.mark.thinned(6, 3)
+@pytest.mark.thinned(12, 3)
 def test_linuxcnc_reads_them_as_the_reader_does(machine: str, dialect: str, room: str) -> None:
     for one in kit_of(machine, dialect, room):
         text = number_lines(one.program)
