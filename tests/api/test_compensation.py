@@ -85,7 +85,7 @@ def test_paths_are_written_as_the_command_writes_them(tmp_path, monkeypatch, cap
 
 
 @pytest.mark.parametrize(
-    ("text", "machine"), [(ARC, "router"), ("G21 G90\nG0 X0 Y0\nG1 X10 Y5 F600\nX0 Y10\nX10 Y15\nM2\n", "mill")]
+    ("text", "machine"), [("G21 G90\nG0 X0 Y0\nG1 X10 Y5 F600\nX0 Y10\nX10 Y15\nM2\n", "mill"), (ARC, "router")]
 )
 @pytest.mark.thinned(4)
 def test_programs_are_written_as_the_command_writes_them(tmp_path, monkeypatch, capsys, text, machine):
