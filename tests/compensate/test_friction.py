@@ -32,7 +32,7 @@ from ph_post.drive.machinefile import read_machine
 from ph_post.files.path import read_path
 from ph_post.files.storage import or_shipped
 from ph_post.geometry.curves import Arc
-from ph_post.types import EffectSetting, FrictionChange, Servo
+from ph_post.types import Command, EffectSetting, FrictionChange, Servo
 
 UM = 1e-6
 
@@ -219,18 +219,17 @@ def test_an_oval_on_an_old_mill_is_within_ten_micrometres():
     assert not check_command(command, machine)
     assert plan_time(plan) <= 1.1 * cycle_time(plan.nominal)
 
-    def pair(**parts: float) -> tuple[Sizes, Sizes]:
-        before, after = (run_table(one, machine, track, **parts) for one in (plain, command))
-        return before, after
+    def sizes(one: Command, **parts: float) -> Sizes:
+        return run_table(one, machine, track, **parts)
 
-    before, after = pair()
+    before, after = sizes(plain), sizes(command)
     assert before.max > 60.0 * UM
     assert after.max < 10.0 * UM
     assert after.rms < 2.0 * UM
     for part in (0.8, 1.2):
-        assert pair(friction=part)[1].max < 15.0 * UM
-        assert pair(gap=part)[1].max < 10.0 * UM
-    before, after = pair(friction=0.5)
+        assert sizes(command, friction=part).max < 15.0 * UM
+        assert sizes(command, gap=part).max < 10.0 * UM
+    before, after = sizes(plain, friction=0.5), sizes(command, friction=0.5)
     assert all(own <= other for own, other in zip(after, before, strict=True))
 
 

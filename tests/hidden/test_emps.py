@@ -33,7 +33,7 @@ max_jerk_mm_s3 = 100000
 """
 """b and c are those of the linear model that follows the record best."""
 
-SHOWN = 7000
+SHOWN = 5000
 """Rows of the 24,841 of the record that are enough to show play."""
 
 COMMAND = ("--column", "t=t:s", "--column", "X_cmd=qg:m")
