@@ -49,7 +49,7 @@ from ph_post.post.options import check_block_time
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.simulate.controllers.path_modes import chord_warnings, path_mode_warnings
-from ph_post.types import Machine, frozen
+from ph_post.types import Machine, sealed
 from ph_post.verify.verdict import Verdict
 from ph_post.verify.verify import verify
 from ph_post.version import package_version
@@ -170,7 +170,7 @@ def _nothing_gained(program: PartProgram, edits: Edits, enough: float) -> Edits:
 
     `enough` is the slowdown of a plan that makes the part better, infinite where none was found.
     """
-    nothing = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
+    nothing = Edits(offset=sealed(np.zeros((program.motions.kind.size, 3))))
     more = "a larger --max-slowdown may"
     if math.isfinite(enough):
         more = f"--max-slowdown {round_up(enough):g} would allow one"
@@ -233,7 +233,7 @@ class _EditPlanner:
 
     def plan(self, options: EditOptions) -> Edits:
         """Return the edits within the bounds of the options."""
-        edits = Edits(offset=frozen(np.zeros((self._program.motions.kind.size, 3))))
+        edits = Edits(offset=sealed(np.zeros((self._program.motions.kind.size, 3))))
         if self.offsets_axes:
             self._progress("planning offsets")
             share = replace(options, max_slowdown=options.max_slowdown * self._share)

@@ -141,7 +141,7 @@ class CrossingGround:
         self.feed = np.minimum(self.feed, self._kept)
         self.view = motion_view(program.motions)
         self.shiftable = shiftable(program)
-        self.way = np.nan_to_num(program.motions.end - program.motions.start)
+        self.way = np.nan_to_num(program.motions.end - program.motions.start, copy=False)
         turning = np.zeros(self.way.shape, dtype=np.bool_)
         arcs = np.flatnonzero(program.motions.kind == ARC)
         turning[arcs[:, None], plane_columns(program.motions.plane[arcs])[:, :2]] = True
@@ -167,11 +167,15 @@ class CrossingGround:
         LinuxCNC keeps the rest of it for the curvature in arcs.
         """
         kind, axes = self.program.motions.kind, self.machine.axes
-        limits = np.array([axes[name].limits.acceleration if name in axes else math.inf for name in AXES])
-        part = np.abs(self.way) / np.maximum(np.diff(self.along), 1e-12)[:, None]
         arcs = np.flatnonzero(kind == ARC)
-        part[arcs[:, None], plane_columns(self.program.motions.plane[arcs])[:, :2]] = 1.0
-        found = np.min(limits / np.maximum(part, 1e-12), axis=1)
+        turning = plane_columns(self.program.motions.plane[arcs])[:, :2]
+        length = np.maximum(np.diff(self.along), 1e-12)
+        found = np.full(kind.size, math.inf)
+        for column, name in enumerate(AXES):  # one by one: there may be a million motions
+            part = np.abs(self.way[:, column]) / length
+            part[arcs[(turning == column).any(axis=1)]] = 1.0
+            limit = axes[name].limits.acceleration if name in axes else math.inf
+            np.minimum(found, limit / np.maximum(part, 1e-12), out=found)
         if not isinstance(self.planner, ExactPath):
             found[arcs] *= math.sqrt(1.0 - ACROSS**2)
         return np.asarray(found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from msgspec.structs import replace
@@ -84,7 +84,7 @@ class CrossingSearch:
         crossings: list[CrossingEdit] = []
         stops: list[StopEdit] = []
         approaches: dict[str, float] = {}
-        offset = np.zeros((ground.program.motions.kind.size, 3))
+        lasting: list[tuple[int, int, float]] = []
         inside: dict[int, Array] = {}
         reached = -np.inf
         burnt: list[int] = []
@@ -108,8 +108,9 @@ class CrossingSearch:
                     stops.append(stop)
                     if beyond > 0.0:
                         approaches[AXES[column]] = max(approaches.get(AXES[column], 0.0), beyond)
-            offset[last:, column] = after[column]
+            lasting.append((last, column, float(after[column])))
             current = after
+        offset = _lasting_offsets(lasting, ground.program.motions.kind.size)
         for motion, added in inside.items():
             offset[motion] = added
         begins = self._lines_for_restarts(spots, stops)
@@ -241,3 +242,15 @@ class CrossingSearch:
             behind=self.ground.beam.off_behind(motion) if sign == 0.0 and share == 1.0 else None,
         )
         return stop, beyond
+
+
+def _lasting_offsets(changes: Sequence[tuple[int, int, float]], count: int) -> Array:
+    """Return the offsets (m, 3) [m] at the ends of motions, by what each axis has from a motion on, in order."""
+    offset = np.zeros((count, len(AXES)))
+    until = [count] * len(AXES)
+    # From the last one back, so that each motion is written once.
+    for first, column, value in reversed(changes):
+        if first < until[column]:
+            offset[first : until[column], column] = value
+            until[column] = first
+    return offset

@@ -35,7 +35,7 @@ from ph_post.edit.reversals import (
 from ph_post.errors import InputError
 from ph_post.gcode.program import AXES, RAPID, PartProgram
 from ph_post.simulate.controllers.moves import moved_axes
-from ph_post.types import Axis, BoolArray, Machine, frozen, sealed
+from ph_post.types import Axis, BoolArray, Machine, sealed
 from ph_post.units import MM
 
 BEAM_ROUNDS: Final = 6
@@ -64,7 +64,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         Where the dialect's decimals are too few for an axis.
     """
     said = tuple(varying_backlash_warnings(machine.axes[name] for name in moved_axes(program)))
-    nothing = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))), warnings=said)
+    nothing = Edits(offset=sealed(np.zeros((program.motions.kind.size, 3))), warnings=said)
     axes = [machine.axes[name] for name in AXES if name in machine.axes and may_shift(machine.axes[name])]
     if not axes or program.motions.kind.size == 0:
         return nothing

@@ -206,6 +206,7 @@ def _fill(
     foot: Array,
 ) -> int:
     n, count, i = len(points), 0, 0
+    last, level = 0, 0
     control, speed = np.zeros((6, 3)), np.zeros(5)
     while i < n - 1:
         if taken[i] > 0:
@@ -215,10 +216,14 @@ def _fill(
             while j < n - 1 and lines[j] and not stops[j]:
                 j += 1
         else:
-            last = i + 1
-            while last < n - 1 and not lines[last] and not stops[last] and taken[last] == 0:
-                last += 1
-            flat, kind = is_flat(points, i, last), SMOOTH
+            if last <= i:  # once for all pieces of a stretch, which may be the whole program
+                last = i + 1
+                while last < n - 1 and not lines[last] and not stops[last] and taken[last] == 0:
+                    last += 1
+                level = last
+                while level > i and points[level - 1, 2] == points[last, 2]:
+                    level -= 1
+            flat, kind = level <= i, SMOOTH
             j = _longest(points, along, turn, tangent, i, last, flat, tolerance, control, speed, foot)
             if j == i:
                 j, kind = i + 1, STRAIGHT

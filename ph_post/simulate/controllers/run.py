@@ -44,6 +44,9 @@ SMOOTHING: Final = np.array([1.0, 5.0, 5.0, 1.0]) / 12.0
 ROOM: Final = 1 << 16
 """Rows that are filled at a time."""
 
+PART: Final = 1 << 13
+"""Motions of which blocks are made at a time."""
+
 
 def run_program(
     program: PartProgram, machine: Machine, planner: ControllerPlanner | None = None, *, meet_turns: bool = False
@@ -186,8 +189,8 @@ def _blocks(
     begin, least = np.zeros(3), 0.0
     stops = stops_before(program)
     program.source.let_go()
-    for first in range(0, max(program.motions.kind.size, 1), ROOM):
-        part = _part_of(program, first, first + ROOM)
+    for first in range(0, max(program.motions.kind.size, 1), PART):
+        part = _part_of(program, first, first + PART)
         start, end = known_ends(part, begin)
         made = straight_blocks(part, bare_legs(part, limits, start, end), limits, planner, begin)
         parts.append(made._replace(motion=made.motion + np.int32(first)))
