@@ -30,7 +30,7 @@ from ph_post.api.results import ProgramMotion
 from ph_post.compensate.plan_warnings import doubtful_values, round_up
 from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.dialects.base import Dialect
-from ph_post.dialects.declaration import Declaration, line_origins, read_declaration
+from ph_post.dialects.declaration import CORRECTED, Declaration, line_origins, read_declaration
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
@@ -44,7 +44,7 @@ from ph_post.edit.write import apply_edits, declare
 from ph_post.errors import InputError
 from ph_post.gcode.paths import ProgramPath, paths_of
 from ph_post.gcode.program import PartProgram
-from ph_post.gcode.read import reread
+from ph_post.gcode.read import reread, with_contours
 from ph_post.post.options import check_block_time
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate.controllers.moves import moved_axes
@@ -99,10 +99,15 @@ def compensate_program(
     original = _original(program, machine, request)
     require_tool(original, machine)
     if original is not program and not request.force:
+        head = read_declaration(program.data)
+        if head is not None and head.corrected:
+            original, program = with_contours(original), with_contours(program)
         return CompensatedProgram(before=original, after=program, done=True)
     check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")
     if request.lead:
         return _best_lead(original, machine, request, progress, path)
+    if _on_contours(original, machine, request):
+        original = with_contours(original)
     reckoned = reckoned_feeds(original, machine)
     planner = _EditPlanner(reckoned, machine, dialect, request, progress)
     before = ProgramMotion(reckoned, reckoned, machine, "original", progress)
@@ -112,6 +117,12 @@ def compensate_program(
     paths_said += chord_warnings(original, machine, dialect, options.tolerance)
     paths_said += [*doubtful_values(machine, moved_axes(original)), *warn_reckoned(original, reckoned)]
     return _PlanSearch(original, planner, before, request, tuple(paths_said), progress).run(options)
+
+
+def _on_contours(program: PartProgram, machine: Machine, request: ProgramRequest) -> bool:
+    """Return whether all axes that move and have backlash are shifted, so that contours can be shifted with them."""
+    axes = [machine.axes[name] for name in moved_axes(program) if has_backlash(machine.axes[name])]
+    return shifts_axes(request.plan) and not any(axis.loop.encloses_backlash for axis in axes)
 
 
 def _verified(
@@ -402,6 +413,7 @@ def _declaration(
         path_mode=mode,
         notes=(
             *_side_notes(request.edit),
+            *(word for word in edits.warnings if word.startswith(CORRECTED)),
             *(head_notes(program, (*request.said, *edits.warnings)) if request.noted else ()),
         ),
     )

@@ -104,6 +104,10 @@ _SIGNS: Final = {0: "", 1: "+", -1: "-"}
 """An offset to either side is written without a sign."""
 
 
+CORRECTED: Final = "cutter compensation holds for"
+"""How the note of a program begins in which contours with cutter compensation are shifted."""
+
+
 class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     """Declaration in the header of a compensated program.
 
@@ -147,6 +151,11 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     commands: tuple[str, ...] = ()
     closing: str = ""
     notes: tuple[str, ...] = ()
+
+    @property
+    def corrected(self) -> bool:
+        """True where contours with cutter compensation are shifted."""
+        return any(note.lower().startswith(CORRECTED) for note in self.notes)
 
 
 CHANGE_MARK: Final = comment_pattern(rf"{MARK}\+(\d+) -(\d+)[^)\r\n]*")

@@ -23,6 +23,7 @@ from ph_post.edit.crossing_shapes import (
     shape_in_steps,
     shortest_time,
 )
+from ph_post.edit.cutter_contours import CutterContours
 from ph_post.edit.edits import CrossingEdit
 from ph_post.edit.extrusion import filament_of
 from ph_post.edit.lagging_crossings import SHORT_LAG
@@ -69,7 +70,7 @@ class Spots(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     change; `first` of its chain; `at` the place along the program [m]; `rest` (n, 2) and `bound` (n, 2) [m]; `feed`
     [m/s]; `jog` where the shift is a move of its own; `window` (n, 5) of
     :func:`~ph_post.edit.crossing_shapes.find_windows`; `calm` where the axis rests long enough for a crossing at full
-    speed, `blend` (n,) [m] from its corners.
+    speed, `blend` (n,) [m] from its corners, and `spread` (n,) over how much of its line [m], 0 for little.
     """
 
     rows: Array
@@ -84,6 +85,7 @@ class Spots(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     calm: BoolArray
     window: Array
     blend: Array
+    spread: Array
 
 
 class CrossingGround:
@@ -148,6 +150,7 @@ class CrossingGround:
         self.moving = [np.flatnonzero(column) for column in ((self.way != 0.0) | turning).T]
         self.low = low
         self.beam = BeamGuard(program, machine)
+        self.contours = CutterContours(program)
         self.cuts = np.flatnonzero(program.motions.kind != RAPID)
         self.rapids = np.flatnonzero(program.motions.kind == RAPID)
         self.region = _regions(program, self.halts)

@@ -181,6 +181,7 @@ class CrossingSearch:
             feed=feed,
             calm=bool(spots.calm[n]),
             blend=float(spots.blend[n]),
+            spread=float(spots.spread[n]),
         )
         return planner.plan(spot, spots.window[n])
 

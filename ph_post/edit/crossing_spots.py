@@ -33,6 +33,7 @@ from ph_post.edit.crossings import (
     SHORTEST,
     exaggeration,
 )
+from ph_post.edit.cutter_contours import QUARTER, SLANTED
 from ph_post.edit.lagging_crossings import SHORT_LAG
 from ph_post.edit.reversals import (
     BEYOND,
@@ -116,8 +117,26 @@ class SpotSearch:
             calm=np.zeros(len(rows), dtype=np.bool_),
             window=np.zeros((len(rows), 5)),
             blend=np.zeros(len(rows)),
+            spread=np.zeros(len(rows)),
         )
+        if ground.contours:
+            found = self._on_contours(found, motion)
+            motion = found.rows[:, MOTION].astype(np.int64)
         return self._with_windows(found, motion, coarser)
+
+    def _on_contours(self, spots: Spots, motion: IntArray) -> Spots:
+        """Let changes on contours with cutter compensation lie in the midst of a line along which the axis rests."""
+        ground = self._ground
+        rest, bound, at, spread = (one.copy() for one in (spots.rest, spots.bound, spots.at, spots.spread))
+        for n in np.flatnonzero(ground.contours.number[motion] >= 0).tolist():
+            line = ground.contours.straight_rest(spots.rows[n], int(spots.column[n]), spots.rest[n], ground.along)
+            if line is not None:
+                rest[n] = bound[n] = ground.along[line : line + 2]
+                at[n] = rest[n].mean()
+                spread[n] = min(SLANTED, QUARTER * np.ptp(rest[n]))
+        moved = replace(spots, rest=rest, bound=bound, at=at, spread=spread)
+        order = np.lexsort((spots.column, at))
+        return Spots(**{name: getattr(moved, name)[order] for name in Spots.__struct_fields__})
 
     def _wound_up(self, rows: Array, column: int) -> Array:
         """Let the first change of a chain happen behind the rapid that brings the axis to its first place.
@@ -210,11 +229,14 @@ class SpotSearch:
         ends = (rows[:, SHARE] == 1.0) & ((ground.region[behind] != ground.region[motion]) | (behind == motion))
         stops = (ground.region[motion] < 0) | ends | (ground.halts[motion] & (ground.rounding == 0.0))
         corner = (rows[:, SHARE] == 1.0) & (rows[:, PASSED] < KINK * spots.feed)
-        inner = (rows[:, SIGN] != 0.0) & (rows[:, CARRIED] == 0.0) & ~spots.first & ~stops & (spots.feed > 0.0)
+        inner = (rows[:, SIGN] != 0.0) & (rows[:, CARRIED] == 0.0) & ~spots.first & (spots.feed > 0.0)
+        inner &= ~stops | (spots.spread > 0.0)
         room = np.minimum(spots.rest[:, 1], spots.bound[:, 1]) - np.maximum(spots.rest[:, 0], spots.bound[:, 0])
         blend = self._blends(spots, motion)
         calm = inner & (room >= spots.feed * (wait + SETTLING * lag) + 2.0 * blend) & (room > 2.0 * SHORTEST)
-        turning = inner & ~calm & ~corner
+        corrected = (ground.contours.number[motion] >= 0) | (ground.contours.number[behind] >= 0)
+        calm &= ~corrected | (spots.spread > 0.0)
+        turning = inner & ~calm & ~corner & ~corrected
         window = np.zeros((len(rows), 5))
         # A beam is not slowed down: a coarser crossing has to do.
         lit = ground.beam.is_beam & ground.beam.works.on[motion]

@@ -130,7 +130,8 @@ class CrossingPlace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `column` the axis and `sign` its new direction; `rest` the places between which it rests, `chosen` the best place in
     it; `bound` the places that the crossing may not leave; `before` and `after` the offsets [m] of all axes, shape
     (3,); `shape` of the crossing; `lag` [s]; `feed` the speed of the path [m/s]; `calm` where the axis rests long
-    enough, with `blend` [m] at either end of the rest where the controller may round its corners.
+    enough, with `blend` [m] at either end of the rest where the controller may round its corners; `spread` [m] over how
+    much of that line the offset changes, 0 over as little as may be.
     """
 
     column: int
@@ -145,6 +146,7 @@ class CrossingPlace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     feed: float
     calm: bool
     blend: float = 0.0
+    spread: float = 0.0
 
 
 class _Knots(msgspec.Struct, kw_only=True, eq=False):
@@ -284,10 +286,10 @@ class CrossingPlanner:
         settle, tail = SETTLING * spot.lag * spot.feed, spot.feed * (spot.shape.wait - spot.shape.first)
         low = max(spot.rest[0] + max(settle, spot.blend), spot.bound[0])
         high = min(spot.rest[1] - max(tail, spot.blend), spot.bound[1])
-        begin = min(max(spot.chosen, low), high - run)
+        begin = min(max(spot.chosen - 0.5 * spot.spread, low), high - max(run, spot.spread))
         if begin < low - 1e-12:
             return None
-        finish = min(begin + 2.0 * run, high)
+        finish = min(begin + (spot.spread or 2.0 * run), high)
         begin, finish = self._on_line(begin, finish, high, run)
         if finish <= begin:
             return None

@@ -16,6 +16,7 @@ from ph_post.edit.affordable import affordable_reversals
 from ph_post.edit.beams import BeamGuard, run_beside
 from ph_post.edit.chord_joints import chord_joints
 from ph_post.edit.corner_joints import corner_joints
+from ph_post.edit.cutter_contours import CutterContours
 from ph_post.edit.edits import EditOptions, Edits, join_stops
 from ph_post.edit.preconditions import (
     blocked_chains,
@@ -80,12 +81,18 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     beam = BeamGuard(program, machine)
     open_ = _open_sections(program, blocked, options.left)
     runs, unmarked = beam.runs(), frozenset[int]()
-    for number in range(BEAM_ROUNDS):
-        left = [runs[run] for run in sorted(unmarked)]
+    contours = CutterContours(program)
+    refused = {n: one.why for n, one in enumerate(contours.contours) if one.why}
+    for number in range(BEAM_ROUNDS + len(contours.contours)):
+        left = sorted([*(runs[run] for run in unmarked), *contours.spans(refused)])
         search = ReversalSearch(program, machine, dialect, amplitude, sides, open_, options, left)
         afforded = affordable_reversals(search, options)
         changes = afforded.changes
         crossings, stops, pulse, offset, burnt = search.crossings.plan(changes, afforded.coarser)
+        again, radii = contours.refused(changes, stops, crossings, sides)
+        if again.keys() > refused.keys():
+            refused = {**again, **refused}
+            continue
         if not burnt:
             break
         found = {run_beside(runs, motion) for motion in burnt}
@@ -109,6 +116,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     )
     warnings = [*said, *warn_blocked(program, blocked), *warn_unknown(program, amplitude), *afforded.warnings]
     warnings += beam.warn_left([runs[run] for run in sorted(unmarked)])
+    warnings += contours.words(refused, radii, edits.offset)
     if edits.amplitude:
         own = double_compensation(program, dialect, machine)
         warnings += [

@@ -513,7 +513,7 @@ def _is_aimed(task: int, why: int, present: int, flags: int, modes: Any) -> Any:
 
 
 @inner
-def _decide(block: Any, values: Any, present: int, where: Any, modes: Any) -> Any:
+def _decide(block: Any, values: Any, present: int, where: Any, modes: Any, contours: bool) -> Any:
     """Return what a block does: task, break, why not understood, its fault, the word."""
     zero, motion, flags, feed, further = block
     explicit, word = flags & EXPLICIT, -1
@@ -537,21 +537,21 @@ def _decide(block: Any, values: Any, present: int, where: Any, modes: Any) -> An
             why = OTHER_FRAME  # a rotary axis may be one of the plane's
         elif _is_odd(present & ~further, flags):
             why = UNUSED_WORD
-    if modes[COMPENSATION] > 400.0:
+    if modes[COMPENSATION] > 400.0 and not contours:
         task, why, refused = FORGET, COMPENSATED, 0
     return task, mark, why, refused, word
 
 
 @compiled
 def choose_tasks(  # noqa: C901, PLR0912
-    words: Any, table: Any, columns: Any, traits: Any, end: int, further: int, tasks: Any
+    words: Any, table: Any, columns: Any, traits: Any, end: int, further: int, contours: bool, tasks: Any
 ) -> Any:
     """Decide what each block before `end` does.
 
     `columns` are those that :func:`resolve <ph_post.gcode.modes.resolve_modes>` fills; breaks, why a block is not
     understood and the words with faults are added to them, `tasks` (n,) is filled. `further` are the letters of axes
-    of their own beside X, Y and Z, a bit each. A lack of feed is said at the
-    first cut that has none.
+    of their own beside X, Y and Z, a bit each; with `contours` what is cut with cutter compensation moves as the
+    program says. A lack of feed is said at the first cut that has none.
     """
     blocks, letter, value = words
     states, feeds, motions, zeros, flags, marks, whys, spots = columns
@@ -570,7 +570,7 @@ def choose_tasks(  # noqa: C901, PLR0912
             more = LENIENT_LINE if stays else 0
             parts = (zeros[block], motions[block], np.int64(flags[block]) | more, feeds[block], further)
             modes = table[states[block]]
-            task, mark, why, fault, word = _decide(parts, values, present, where, modes)
+            task, mark, why, fault, word = _decide(parts, values, present, where, modes, contours)
             if fault in (NO_FEED, ZERO_FEED, NO_INVERSE_FEED):
                 if fault != lack and whys[block] == 0:
                     whys[block], spots[block] = QUIET + fault, -2 - word

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final, Literal, Protocol
+from functools import partial
+from typing import Any, Final, Literal, Protocol
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from ph_post.gcode import codes
@@ -87,6 +89,8 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         C turn, U, V and W are linear.
     shortest : bool
         Whether an axis that turns may go to its place (G90) by the shorter way round.
+    contours : bool
+        Whether motions with cutter compensation are read as contours, and not passed through: see :meth:`contoured`.
     """
 
     name: str = ""
@@ -109,6 +113,12 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     turns: Callable[[int], str] = "P{}".format
     further: str = "ABCUVW"
     shortest: bool = False
+    contours: bool = False
+
+    def contoured(self) -> Language:
+        """Return the same language, in which what is cut with cutter compensation moves as its contours say."""
+        read: Any = self.read
+        return self if self.contours else replace(self, contours=True, read=read and partial(read, contours=True))
 
     def hidden(self, data: bytes) -> bytes:
         """Return a program's text as the reader of RS274/NGC is to have it."""

@@ -303,6 +303,13 @@ def _words_again(data: bytes, lines: PlaceArray, language: Language) -> WordTabl
     return _lexed(language.hidden(data), lines, language).words
 
 
+def with_contours(program: PartProgram) -> PartProgram:
+    """Return a program in which what is cut with cutter compensation moves as its contours say; itself without any."""
+    if program.language.contours or not any(modal.compensation not in (None, "G40") for modal in program.modal):
+        return program
+    return read_program(program.data, program.name, language=program.language.contoured())
+
+
 def _resolve(lexed: Lexed, data: bytes, language: Language) -> _Blocks:
     """Find each block's modal state and task; after the program's end nothing changes any more."""
     count = lexed.lines.size - 1
@@ -317,7 +324,8 @@ def _resolve(lexed: Lexed, data: bytes, language: Language) -> _Blocks:
     if 0 < last < count:
         states[last:], feeds[last:] = states[last - 1], feeds[last - 1]
     lexed.whys[last + (stop == lexed.end) :] = 0
-    choose_tasks(text, table, columns, lexed.traits, last, codes.letter_bits(language.further), tasks)
+    further = codes.letter_bits(language.further)
+    choose_tasks(text, table, columns, lexed.traits, last, further, language.contours, tasks)
     return _Blocks(
         states=states,
         feeds=feeds,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ph_post.gcode.numbers import COMMENT
-from ph_post.gcode.program import CUBIC, PartProgram, WordTable, span_of
+from ph_post.gcode.program import CUBIC, LINE, Motions, PartProgram, WordTable, span_of
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
 from ph_post.verify.crossings import CrossedStretches
@@ -26,6 +26,12 @@ _ROUNDED = re.compile(r"G64 P(\d*\.?\d+)( Q0)?")
 _HALF = 0.5
 """Steps of the last decimal by which a rounding may be above its tolerance."""
 
+_SLANTED = 3
+"""Parts of a line on which an offset changes with cutter compensation."""
+
+_RADIUS = 10.0 * MM
+"""Radius of a cutter for which their joints leave all of them, on either side of the contour."""
+
 _DROP = 1e-4
 """Extrusion [mm of filament] that is rounding, and the part of itself that is."""
 
@@ -42,9 +48,11 @@ def words_of_changes(case: VerifyCase) -> tuple[WordTable, WordTable]:
 def check_crossing_words(case: VerifyCase, crossed: CrossedStretches, words: tuple[WordTable, WordTable]) -> None:
     """Check words, commands, extrusion and modes in the changes that name a crossing; `words` are those of changes."""
     changes = case.lines.changes
+    if any(_corrects(modal.compensation) for modal in case.original.modal):
+        for change in range(changes.crossed.size):
+            _check_modes(case, change)
     for change in np.flatnonzero(changes.crossed).tolist():
         _check_letters(case, change, words)
-        _check_modes(case, change)
         _check_breaks(case, change)
         _check_path_modes(case, change)
     broken = set(crossed.found.change[~crossed.fine].tolist())
@@ -90,21 +98,49 @@ def _is_cubic(program: PartProgram, block: int) -> bool:
     return bool(np.any(program.motions.kind[low:high] == CUBIC))
 
 
+def _corrects(word: str | None) -> bool:
+    """Return True for a word of cutter compensation that is on."""
+    return word not in (None, "G40")
+
+
 def _check_modes(case: VerifyCase, change: int) -> None:
-    """Check that no crossing lies where cutter compensation is active."""
-    (program, first, last), (_, new_first, _) = _spans(case, change)
-    for block in range(first - 1, last):
-        modal = program.modal_after(block)
-        if modal.compensation not in (None, "G40"):
-            case.findings.add(
-                "crossing",
-                "a crossing where cutter compensation is active",
-                original=max(block, first),
-                compensated=new_first,
-                expected="G40",
-                got=modal.compensation,
-            )
-            return
+    """Check that with cutter compensation a change is of lines in straight parts, none of them steep.
+
+    An offset of the tool to either side leaves all of their parts then.
+    """
+    (program, first, last), (other, new_first, new_last) = _spans(case, change)
+    active = [program.modal_after(block).compensation for block in range(first - 1, last)]
+    if not any(map(_corrects, active)):
+        return
+    old, new = program.motions, other.motions
+    rows = np.flatnonzero((old.block >= first) & (old.block < last))
+    made = np.flatnonzero((new.block >= new_first) & (new.block < new_last))
+    lines = {*old.kind[rows].tolist(), *new.kind[made].tolist()} == {LINE}
+    fine = lines and case.lines.changes.crossed[change] and made.size <= _SLANTED * rows.size and len(set(active)) == 1
+    if not (fine and (_rooms(new, made, old.end[rows], _far(case)) >= 0.0).all()):
+        case.findings.add(
+            "crossing",
+            "a change on a contour with cutter compensation that is more than lines in three straight parts each",
+            original=max(first, 0),
+            compensated=new_first,
+            expected="G40",
+            got=next(one for one in active if one is not None and _corrects(one)),
+        )
+
+
+def _far(case: VerifyCase) -> float:
+    """Return how far a shifted place may be from its own [m]."""
+    return 2.0 * sum(one.metres for one in case.declared.offsets.values())
+
+
+def _rooms(motions: Motions, made: IntArray, corners: Array, far: float) -> Array:
+    """Return what is left [m] of the lines beside every joint but those in the corners of the contour."""
+    ways = (motions.end - motions.start)[made][:, :2]
+    sizes, angles = np.hypot(*ways.T), np.arctan2(ways[:, 1], ways[:, 0])
+    turns = np.abs(np.remainder(np.diff(angles) + np.pi, 2.0 * np.pi) - np.pi)
+    joints = motions.end[made[:-1], :2]
+    apart = np.linalg.norm(joints[:, None, :] - corners[None, :, :2], axis=2).min(axis=1) > far
+    return np.asarray((np.minimum(sizes[:-1], sizes[1:]) - _RADIUS * np.tan(0.5 * turns))[apart])
 
 
 def _check_breaks(case: VerifyCase, change: int) -> None:

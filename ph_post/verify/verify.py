@@ -10,6 +10,7 @@ import numpy as np
 from ph_post.drive.axes import side_offsets
 from ph_post.errors import InputError
 from ph_post.gcode.program import PartProgram
+from ph_post.gcode.read import with_contours
 from ph_post.types import Machine
 from ph_post.units import MM
 from ph_post.verify.crossing_words import check_crossing_words, words_of_changes
@@ -36,6 +37,9 @@ from ph_post.verify.text import check_text
 from ph_post.verify.verdict import Findings, Verdict, quoted
 
 _MODE: Final = re.compile(rb"G0*[0-3](?![\d.])[ \t]*", re.IGNORECASE)
+
+_CORRECTED: Final = b"cutter compensation holds for"
+"""What the head says where contours with cutter compensation are shifted."""
 
 ROUNDED = 4.0
 """A point may be off by so many units of its last decimal: rounding of ends and of an arc's centre."""
@@ -72,6 +76,9 @@ def verify(
     if declared is None:
         _check_undeclared(original, compensated, findings)
         return findings.verdict()
+    head = compensated.data[compensated.lines[declared.first] : compensated.lines[declared.last + 1]]
+    if _CORRECTED in head.lower():
+        original, compensated = with_contours(original), with_contours(compensated)
     for line, fault in declared.faults:
         findings.add("header", fault, compensated=line)
     if declared.original != original.digest:

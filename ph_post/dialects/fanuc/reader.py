@@ -241,7 +241,9 @@ def _without_point(words: WordTable, data: bytes) -> np.ndarray:
     return np.asarray(plain & (text[np.maximum(words.end - 1, 0)] != ord(".")))
 
 
-def read_fanuc(data: bytes, name: str, *, calculator: bool = False, decimals: int = 3) -> PartProgram:
+def read_fanuc(
+    data: bytes, name: str, *, calculator: bool = False, decimals: int = 3, contours: bool = False
+) -> PartProgram:
     """Read a Fanuc program.
 
     Parameters
@@ -252,6 +254,8 @@ def read_fanuc(data: bytes, name: str, *, calculator: bool = False, decimals: in
         Whether a length without a decimal point is in millimetres (parameter 3401, bit 0).
     decimals : int
         Decimals of a mm in increments.
+    contours : bool
+        See :meth:`ph_post.gcode.program.Language.contoured`.
 
     Raises
     ------
@@ -286,7 +290,7 @@ def read_fanuc(data: bytes, name: str, *, calculator: bool = False, decimals: in
     for one in nurbs:
         one.write(texts, remarks)
     rule = None if calculator else partial(in_increments, decimals=decimals)
-    language = Language(lengths=rule, further=FURTHER, shortest=True)
+    language = Language(lengths=rule, further=FURTHER, shortest=True, contours=contours)
     found = read_translated(data, lines, name, texts, remarks, in_place=True, language=language)
     found = _in_seconds(with_nurbs(found, nurbs), dwells)
     return found if calculator else _say_increments(found, texts, decimals)

@@ -32,7 +32,7 @@ _ANY: Final = re.compile("")
 _IF: Final = r"D\s*(?:09|9|10|11|12)(?!\d)"
 _CALL: Final = re.compile(rf"(?<![A-Z])L\s*\d+\s*,\s*\d|{_IF}")
 _CENTRES: Final = {letter: axis for axis, letter in CENTERS.items()}
-_SIDES: Final = {40: False, 41: True, 42: True}
+_SIDES: Final = frozenset((40, 41, 42))
 _CORNERS: Final = frozenset((24, 25, 26, 27))
 _SHIFTS: Final = frozenset((53, 54, 247))
 _TURNS: Final = frozenset((28, 72, 73, 80))
@@ -65,8 +65,8 @@ _LANGUAGE: Final = TncLanguage(
 )
 
 
-def read_tnc_iso(data: bytes, name: str) -> PartProgram:
-    """Read a program in Heidenhain's ISO language.
+def read_tnc_iso(data: bytes, name: str, *, contours: bool = False) -> PartProgram:
+    """Read a program in Heidenhain's ISO language; `contours` as of `Language.contoured`.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def read_tnc_iso(data: bytes, name: str) -> PartProgram:
     follower = _IsoFollower(Tnc("G21" if head[2] == "71" else "G20", _ANY))
     for number, text in enumerate(source.texts):
         follower.line(text, begins=number == first)
-    return source.program(follower.tnc)
+    return source.program(follower.tnc, contours=contours)
 
 
 def why_iso_stays(data: bytes) -> str:
@@ -181,7 +181,7 @@ class _IsoFollower:
             if code in _MOTIONS:
                 self._motion = code
             if code in _SIDES:
-                self.tnc.corrected = _SIDES[code]
+                self.tnc.side = f"G{code}"
 
     def _special(self, block: _Block) -> str:
         if 38 in block.codes:

@@ -35,6 +35,7 @@ _PLACE: Final = re.compile(rf"(?<![A-Z])(I?)([XYZABCUVW])\s*({NUMBER}|[-+]?Q[LRS
 _FEED: Final = re.compile(rf"F\s*(MAX|AUTO|[ZTU]?\s*{NUMBER}|[ZTU]?\s*Q[LRS]?\d+)?")
 _FUNCTION: Final = re.compile(r"M\s*(\d+)")
 _SIDE: Final = re.compile(r"R([0LR])\b")
+_SIDES: Final = {"0": "G40", "L": "G41", "R": "G42"}
 _SPACE: Final = re.compile(r"[RFM](?=\s|$)|\s+")
 _RADIUS: Final = re.compile(rf"R\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
 _ANGLE: Final = re.compile(rf"(I?)PA\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
@@ -80,8 +81,8 @@ _MOVES: Final = re.compile(r"L\s+I?[XYZ]")
 """A move: text with one is conversational, if perhaps a part of a program that says elsewhere whether it is in mm."""
 
 
-def read_klartext(data: bytes, name: str) -> PartProgram:
-    """Read a conversational program.
+def read_klartext(data: bytes, name: str, *, contours: bool = False) -> PartProgram:
+    """Read a conversational program; `contours` as of :meth:`~ph_post.gcode.program.Language.contoured`.
 
     Raises
     ------
@@ -102,7 +103,7 @@ def read_klartext(data: bytes, name: str) -> PartProgram:
             follower.tnc.add("")
     for text in source.texts[begin:]:
         follower.line(text)
-    return source.program(follower.tnc)
+    return source.program(follower.tnc, contours=contours)
 
 
 class _KlartextFollower:
@@ -250,7 +251,7 @@ class _KlartextFollower:
         """Take the radius compensation out of a line."""
         found = _SIDE.search(text)
         if found is not None:
-            self.tnc.corrected = found[1] != "0"
+            self.tnc.side = _SIDES[found[1]]
         return _SIDE.sub(" ", text)
 
     @staticmethod

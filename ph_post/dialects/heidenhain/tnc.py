@@ -15,7 +15,7 @@ from typing import Final, Protocol
 import msgspec
 from msgspec.structs import replace
 
-from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark, line_error, read_translated, text_of
+from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, XYZ_ONLY, Remark, line_error, read_translated, text_of
 from ph_post.errors import InputError
 from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram, WordTable
 from ph_post.gcode.words import lines_of
@@ -115,6 +115,8 @@ class Tnc:
         Q parameters that have a number.
     feeds : dict
         By line the feed that a parameter gives it.
+    side : str
+        G40, or G41 or G42 where the cutter is beside the contour.
     """
 
     def __init__(self, units: str, polar: re.Pattern[str] = KLARTEXT_POLAR) -> None:
@@ -139,7 +141,7 @@ class Tnc:
         self.arcs: dict[int, int] = {}
         self.users: dict[int, int] = {}
         self._states: list[str] = []
-        self.corrected = False
+        self.side = "G40"
 
     def line(self, source: str, follow: Callable[[], str]) -> None:
         """Follow a line; what is not understood gets a note, and the position is forgotten."""
@@ -162,9 +164,8 @@ class Tnc:
 
     def add(self, text: str) -> None:
         """Add the translation of a line."""
-        side = "G41" if self.corrected else "G40"
         plane, self._plane_word = self._plane_word or _PLANE_WORDS[self.tool_axis], ""
-        self._states.append(f"{self._units} G90 {plane} G90.1 G94 {side}")
+        self._states.append(f"{self._units} G90 {plane} G90.1 G94 {self.side}")
         self.texts.append(text)
 
     def lose(self, what: str, text: str) -> None:
@@ -445,7 +446,7 @@ class TncSource:
             raise InputError(self._name, what, expected=expected, got="comments alone")
         raise self._refused(first, what, expected, self.texts[first][:40])
 
-    def program(self, tnc: Tnc) -> PartProgram:
+    def program(self, tnc: Tnc, *, contours: bool = False) -> PartProgram:
         """Read the translation by `tnc`, which has followed all lines; pass repeats and jumps through."""
         for first, last, what in self._stretches():
             for number in range(first, last + 1):
@@ -458,7 +459,14 @@ class TncSource:
             line = text_of(self._data, self._lines, number).decode("latin-1")
             found.add(number, int(self._lines[number]), line, feed=tnc.feeds.get(number))
         program = read_translated(
-            self._data, self._lines, self._name, texts, tnc.remarks, in_place=False, words=found.table()
+            self._data,
+            self._lines,
+            self._name,
+            texts,
+            tnc.remarks,
+            in_place=False,
+            language=replace(XYZ_ONLY, contours=contours),
+            words=found.table(),
         )
         moves = set(program.motions.block.tolist())
         return replace(

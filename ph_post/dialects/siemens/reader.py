@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark, read_translated, text_of
+from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, XYZ_ONLY, Remark, read_translated, text_of
 from ph_post.dialects.siemens import words as tables
 from ph_post.dialects.siemens.jumps import find_stretches
 from ph_post.dialects.siemens.motions import with_extras
@@ -433,13 +433,15 @@ def g_word(word: Word) -> str:
 _STRING: Final = re.compile(r'"[^"]*"')
 
 
-def read_siemens(data: bytes, name: str) -> PartProgram:
+def read_siemens(data: bytes, name: str, *, contours: bool = False) -> PartProgram:
     r"""Read a program in Siemens language.
 
     Parameters
     ----------
     data, name
         As for :func:`ph_post.gcode.read.read_program`.
+    contours : bool
+        See :meth:`ph_post.gcode.program.Language.contoured`.
 
     Raises
     ------
@@ -460,7 +462,8 @@ def read_siemens(data: bytes, name: str) -> PartProgram:
         translator = Translator(computes=not stretches, forced=forced)
         texts = _translated(whole, lines, stretches, translator)
         table = translator.rows.table()
-        program = read_translated(data, lines, name, texts, translator.extras.remarks, in_place=False, words=table)
+        remarks, language = translator.extras.remarks, replace(XYZ_ONLY, contours=contours)
+        program = read_translated(data, lines, name, texts, remarks, in_place=False, language=language, words=table)
         program, refused = with_extras(program, translator.extras)
         tangents = dict.fromkeys(translator.tangents - {*forced}, "block before a tangential one")
         if not (refused or tangents):
