@@ -125,6 +125,7 @@ def test_roots_in_joints_count_once() -> None:
 
 
 @pytest.mark.parametrize("seed", range(40))
+@pytest.mark.thinned(4)
 def test_an_ulp_of_noise_in_the_joints_changes_nothing(seed: int) -> None:
     points = turning_points(*oval(noise=1.0, seed=seed), closed=True)
     assert sorted((p.axis, p.sense) for p in points) == [

@@ -27,6 +27,7 @@ def reference(text: str) -> list[tuple[float, float]]:
 
 
 @pytest.mark.parametrize("code", [2, 3])
+@pytest.mark.thinned(2)
 def test_left_and_right_are_those_of_the_player(tmp_path: Path, code: int) -> None:
     file = tmp_path / "circle.nc"
     file.write_text(TEXT.format(code))

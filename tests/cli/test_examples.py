@@ -114,12 +114,13 @@ def shop(tmp_path_factory):
 
 # Who watches a folder goes on until he is stopped.
 RUNNABLE = [(name, line) for name, line in EXAMPLES if name in RUN and "--watch" not in line]
-FIRST = dict(reversed(RUNNABLE))
+QUICK = dict(reversed(RUNNABLE)) | {name: line for name, line in RUNNABLE if "--undo" in line}
+"""An example of each command that is tried always; that a path and a program are converted is tried elsewhere, too."""
 
 
 @pytest.mark.parametrize(
     "line",
-    [pytest.param(line, marks=() if FIRST[name] == line else pytest.mark.slow) for name, line in RUNNABLE],
+    [pytest.param(line, marks=() if QUICK[name] == line else pytest.mark.slow) for name, line in RUNNABLE],
     ids=lambda line: line.removeprefix("ph-post "),
 )
 def test_an_example_runs(shop, tmp_path, monkeypatch, capsys, line):

@@ -345,6 +345,7 @@ def test_cura_gets_the_compensated_program_in_layers(cura, tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("machine", "said"), [("none.toml", "ph-post: none.toml: no such file"), ("", "no machine file is named")]
 )
+@pytest.mark.thinned(2)
 def test_where_it_fails_cura_keeps_its_program_and_says_why(cura, tmp_path, machine, said, monkeypatch):
     loaded, shown = cura
     monkeypatch.delenv("PH_POST_MACHINE", raising=False)

@@ -237,6 +237,7 @@ def test_a_file_that_changes_while_it_is_converted_has_its_turn_later(folders, m
 
 
 @pytest.mark.parametrize("which", ["watched", "programs"])
+@pytest.mark.thinned(2)
 def test_a_folder_that_vanishes_ends_it_in_a_line(folders, which):
     source, target = folders
     with watching(source, "-o", target) as watched:

@@ -223,6 +223,7 @@ def test_corners_that_are_alike_are_solved_once() -> None:
 
 
 @pytest.mark.parametrize("seed", range(9))
+@pytest.mark.thinned(4)
 def test_random_polygons_are_run_faster_around_their_corners_within_the_limits(seed: int) -> None:
     rng = np.random.default_rng(seed)
     machine = read_machine(("router", "mill", "stepper")[seed % 3])

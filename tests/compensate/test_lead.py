@@ -208,6 +208,7 @@ def meander(count: int = 12) -> Path:
     return make_path(curves, 0.03)
 
 
+@pytest.mark.slow
 def test_as_much_is_led_as_the_time_allows() -> None:
     errors_found, parts = [], []
     for allowed in (0.02, 0.3, 1.0):

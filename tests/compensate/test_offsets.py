@@ -55,6 +55,7 @@ def largest_error(command: Command, servo: Servo, begin: list) -> float:
 
 
 @pytest.mark.parametrize("kind", SERVOS)
+@pytest.mark.thinned(2)
 def test_a_table_that_is_led_follows_a_circle(kind: str) -> None:
     radius, feed, period = 0.01, 0.1, 1e-3
     servo, omega = SERVOS[kind], feed / radius
@@ -67,6 +68,7 @@ def test_a_table_that_is_led_follows_a_circle(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", SERVOS)
+@pytest.mark.thinned(4)
 def test_a_table_that_is_led_follows_a_ph_curve(kind: str) -> None:
     period = 1e-3
     curve = PH(np.zeros(2), np.sqrt(1e-3) * np.array([[7.5, 2.5], [5.0, 5.0], [2.5, 7.5]]) / 2.5)

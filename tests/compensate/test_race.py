@@ -163,6 +163,7 @@ def test_what_is_too_long_to_be_sampled_is_no_rival(those: str, monkeypatch: pyt
     assert bool(found.crossings) == (those == "first")
 
 
+@pytest.mark.slow
 def test_plans_are_raced_where_only_the_feed_may_be_changed() -> None:
     """A slot on whose plain motion the search finds nothing better, and a dip of the feed does."""
     job = random_job(88, 77)

@@ -181,6 +181,7 @@ def test_where_nothing_helped_no_place_that_is_alike_is_searched(monkeypatch: py
 
 
 @pytest.mark.parametrize(("allowed", "most"), [(0.02, 0.32), (0.1, 1.0), (5.0, 1.0)])
+@pytest.mark.thinned(4)
 def test_no_longer_stop_is_tried_than_any_machine_needs(
     allowed: float, most: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -203,6 +204,7 @@ def test_no_longer_stop_is_tried_than_any_machine_needs(
 
 
 @pytest.mark.parametrize("effort", [0.01, 0.1])
+@pytest.mark.thinned(2)
 def test_windows_in_which_other_axes_turn_back_are_searched_once_a_kind(
     effort: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

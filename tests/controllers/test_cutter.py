@@ -19,6 +19,7 @@ def program(lines):
 
 @needs_rs274
 @pytest.mark.parametrize("seed", range(2))
+@pytest.mark.thinned(2)
 def test_random_contours_come_to_the_same_calls_or_are_refused_by_both(seed):
     rng = random.Random(seed)
     fit, unfit = [], []
@@ -58,6 +59,7 @@ CASES = {
 
 @needs_rs274
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.thinned(4)
 def test_compensated_programs_come_to_the_same_calls(name):
     data = program([CASES[name].rstrip()])
     written = expand(data, "a.ngc", parameters={})

@@ -128,6 +128,7 @@ def test_a_node_is_looked_up_as_it_was_solved() -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
+@pytest.mark.thinned(4)
 def test_between_the_nodes_the_table_is_near_the_solution(seed: int) -> None:
     """Steps of 10 % in C and 20 % in the radius: ln Δt bends little, its error falls with their square."""
     rng = np.random.default_rng(seed)

@@ -67,6 +67,7 @@ def written(text: str, dialect: str, period: float = 1e-3) -> str:
     ("name", "period"),
     [(name, period) for name in PROGRAMS for period in (1e-3, 2e-3) if period < 2e-3 or "F6000" not in name],
 )
+@pytest.mark.thinned(4)
 def test_no_block_lasts_less_than_two_servo_periods(name: str, period: float) -> None:
     own = PROGRAMS[name]
     least = min(2.0 * period, *(time for time, _ in blocks(own)))

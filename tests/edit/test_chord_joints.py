@@ -59,6 +59,7 @@ def sagitta(dialect: str, radius: float, turn: float) -> float:
 
 @pytest.mark.parametrize("dialect", ["klipper", "grbl"])
 @pytest.mark.parametrize("seed", range(6))
+@pytest.mark.thinned(4)
 def test_arcs_beside_crossings_keep_their_chords(dialect: str, seed: int, tmp_path: Path) -> None:
     rng = np.random.default_rng(seed)
     radii = rng.uniform(1.2, 6.0, 6).round(2).tolist()

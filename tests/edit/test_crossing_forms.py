@@ -58,7 +58,7 @@ def test_a_balanced_crossing_leaves_a_sixteenth_and_is_left_on_tangents(
     half, begin = 2.0 * math.sqrt(radius * error), (2.0 + math.sqrt(2.0)) * math.sqrt(radius * error)
     assert half == pytest.approx(0.5 * speed * time, rel=1e-12)
     assert begin == pytest.approx(OUTER * half, rel=1e-12)
-    s = np.linspace(-4.0 * half, 4.0 * half, 400_001)
+    s = np.linspace(-4.0 * half, 4.0 * half, 100_001)
 
     def out(outward: float) -> float:
         """Largest error with the ends of the chord by so much out of the path."""
@@ -303,7 +303,7 @@ def test_how_much_farther_a_table_without_lag_goes_where_the_motor_crosses_in_a_
     half = 0.5 * speed * time
     error, out, ahead = half**2 / (4.0 * radius), (OUTER - 1.0) * half, (1.0 - part) * half
     bulge = error * ((out + ahead) / out) ** 2
-    s = np.linspace(-4.0 * half, 4.0 * half, 400_001)
+    s = np.linspace(-4.0 * half, 4.0 * half, 100_001)
     places = [-half - out, ahead - half, half - ahead, half + out]
     # On the tangents, which go on to the ends of the motor's block.
     ends = [math.sqrt(radius**2 - place**2) - radius for place in places]

@@ -337,6 +337,7 @@ def test_every_hole_is_exact_from_the_first(dialect: str) -> None:
 
 @pytest.mark.parametrize("dialect", ["linuxcnc", "grbl", "grblhal"])
 @pytest.mark.parametrize("plane", [18, 19])
+@pytest.mark.thinned(2)
 def test_other_planes(dialect: str, plane: int) -> None:
     cut = {
         18: "G0 X20 Y3 Z-30\nG1 X20 Z-30 F300\nG2 X20 Z-30 I-20 K0 F1000\nG3 X-20 Z-30 I-20 K0\n",
@@ -428,6 +429,7 @@ def test_an_axis_that_begins_in_a_cut_on_its_own_side_is_not_moved(cut: str) -> 
 
 @pytest.mark.parametrize("between", ["(half)", "", "F1200", "F900", "N70", "(half)\n\nF900 (slower)"])
 @pytest.mark.parametrize("dialect", DIALECTS[:3])
+@pytest.mark.thinned(4)
 def test_a_crossing_reaches_over_lines_that_move_nothing(dialect: str, between: str) -> None:
     # The arcs meet 0.2 mm behind the quadrant: the crossing there covers the joint, and the lines in it.
     x, y = (round(20.0 * turn(0.01), 4) for turn in (math.cos, math.sin))

@@ -21,6 +21,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("language", "name"), CASES)
+@pytest.mark.thinned(2)
 def test_the_table_follows_the_original_within_micrometres(language: InPlace, name: str) -> None:
     plain, text = language.programs[name], language.changed(name).text.decode()
     original, run = language.run(plain), language.run(text)

@@ -142,6 +142,7 @@ def test_words_of_a_divided_block_are_executed_once_and_in_order() -> None:
     ],
 )
 @pytest.mark.parametrize("before", ["", "G91\n", "G90.1\n"])
+@pytest.mark.thinned(4)
 def test_a_divided_motion_goes_the_same_way(motion: str, share: float, before: str) -> None:
     text = f"G21 G90 G17 F600\nG0 X0 Y0 Z0\n{before}{motion}\nG90\nG1 X0 Y0\nM2\n"
     found = changed(text, stops=(pulse(1, share),))

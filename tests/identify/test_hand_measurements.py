@@ -104,6 +104,7 @@ def measured_as_asked(folder: Path, count: int, shop: Shop) -> list[float]:
 
 
 @pytest.mark.parametrize("dial", [0.005, 0.02])
+@pytest.mark.thinned(2)
 def test_a_dial_asks_for_as_many_readings_as_it_takes(tmp_path, dial):
     off = measured_as_asked(tmp_path, 60, Shop(dial=dial, dial_grain=0.01))
     assert np.mean(np.abs(off) < 0.010) >= 0.9

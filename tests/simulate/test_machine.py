@@ -219,6 +219,7 @@ def _jumping(period: float) -> Case:
 
 
 @pytest.mark.parametrize("pickup", ["standstill", "momentum", "contact"])
+@pytest.mark.thinned(2)
 def test_axes_do_not_know_of_each_other(pickup: Pickup) -> None:
     """Three axes with drives of their own, each as if it were alone; the events are sorted."""
     rng = np.random.default_rng(3)
