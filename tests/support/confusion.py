@@ -6,6 +6,8 @@ Run from the project's root: ``python -m tests.support.confusion --help``.
 from __future__ import annotations
 
 import json
+import os
+import platform
 import random
 import time
 import traceback
@@ -228,8 +230,11 @@ def count(results: Path, out: Path) -> None:
     for result in known.values():
         words[class_of(result) if result["kind"] == "single" else result["kind"]][answered(result)] += 1
     good = [r for r in known.values() if answered(r) == "right" and r["kind"] in ("single", "pair")]
+    seeds = [result["seed"] for result in known.values()]
     told = {
         "cases": len(known),
+        "seeds": [min(seeds), max(seeds)],
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
         "answers": {kind: dict(counted.most_common()) for kind, counted in sorted(words.items())},
         "right, within 10 %": [sum(map(near, good)), len(good)],
         "how many, of how many, percent by Wilson's interval of 95 %": shares(known.values()),
