@@ -60,8 +60,10 @@ def disagreement(problem: AxisProblem, fitted: FittedModel, number: int) -> Disa
     return worst
 
 
-def sides_factor(problem: AxisProblem, fitted: FittedModel, number: int) -> float | None:
+def sides_factor(problem: AxisProblem, fitted: FittedModel, number: int, gap: Array | None = None) -> float | None:
     """Return how much the log shows of a part between motor and table, over what the model has of it there.
+
+    `gap` is what a backlash that is not in the model adds to motor less table, shape (n,) [m].
 
     The difference of both readings knows no servo: a spring or an error of a reading that only makes up for a wrong
     servo is not in it. None where not both sides were read, or the part does not part them.
@@ -74,6 +76,8 @@ def sides_factor(problem: AxisProblem, fitted: FittedModel, number: int) -> floa
     there, gone = ((left["act"] - left["motor"])[use] for left in (fitted.left, without))
     adds = gone - there
     adds = adds - np.mean(adds)
+    if gap is not None:
+        gone = gone + gap[use]
     square = float(adds @ adds)
     if square < np.hypot(table.noise, motor.noise) ** 2 * adds.size:
         return None

@@ -15,7 +15,7 @@ from ph_post.diagnose.fit import FittedModel, ModelPart, covariance, fit_model, 
 from ph_post.diagnose.hypotheses import OF_THE_AXIS
 from ph_post.diagnose.search import with_noise
 from ph_post.diagnose.selection import ModelChoice, without
-from ph_post.diagnose.sides import SidesGap, gap_between
+from ph_post.diagnose.sides import HELD, SidesGap, gap_between
 from ph_post.drive.axes import backlash_varies
 from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
@@ -90,7 +90,8 @@ def fit_chosen_model(choice: ModelChoice) -> AxisDiagnosis:
     """Fit the chosen model to every sample that counts, drop what does not agree with itself, and size the rest."""
     fitted = fit_model(choice.problem, choice.fitted.model, choice.problem.counted, rounds=2)
     dropped: list[DroppedName] = []
-    while (off := _doubtful(choice, fitted)) is not None:
+    between = gap_between(choice.problem) if _misses(choice.problem, fitted) else None
+    while (off := _doubtful(choice, fitted, between)) is not None:
         number, words = off
         name = fitted.model.parts[number].hypothesis.name
         dropped.append(DroppedName(name=name, axis=choice.problem.axis.name, why=words))
@@ -104,7 +105,9 @@ def fit_chosen_model(choice: ModelChoice) -> AxisDiagnosis:
         count = len(part.numbers)
         found.append(_found(problem, part, spread[at : at + count, at : at + count]))
         at += count
-    sides, left = _between_sides(problem, fitted)
+    sides, left = _between_sides(problem, fitted, between)
+    if sides is not None:
+        dropped = [one for one in dropped if one.name != "backlash"]  # named after all, by another size
     return AxisDiagnosis(
         choice=choice,
         fitted=replace(fitted, left=left),
@@ -115,14 +118,20 @@ def fit_chosen_model(choice: ModelChoice) -> AxisDiagnosis:
     )
 
 
-def _between_sides(problem: AxisProblem, fitted: FittedModel) -> tuple[SidesGap | None, Mapping[Channel, Array]]:
-    """Return the backlash that both sides show where a model misses them, and what is left with it in the model."""
-    named = {part.hypothesis.name for part in fitted.model.parts}
-    misses = any(
+def _misses(problem: AxisProblem, fitted: FittedModel) -> bool:
+    """Return whether a model leaves much more than noise of a position."""
+    return any(
         mean_square(fitted.left[one.channel], problem.counted & one.ok) > (LEFT * one.noise) ** 2
         for one in problem.positions
     )
-    sides = gap_between(problem) if misses and VARYING not in named else None
+
+
+def _between_sides(
+    problem: AxisProblem, fitted: FittedModel, sides: SidesGap | None
+) -> tuple[SidesGap | None, Mapping[Channel, Array]]:
+    """Return the backlash that both sides show where a model misses them, and what is left with it in the model."""
+    if VARYING in {part.hypothesis.name for part in fitted.model.parts} or not _misses(problem, fitted):
+        return None, fitted.left
     plant = plant_at(problem, fitted.model)
     if sides is None or abs(sides.width - plant.gap) < max(SURE * sides.error, SAME_GAP * sides.width):
         return None, fitted.left
@@ -132,19 +141,25 @@ def _between_sides(problem: AxisProblem, fitted: FittedModel) -> tuple[SidesGap 
     return sides, with_gap if better else fitted.left
 
 
-def _doubtful(choice: ModelChoice, fitted: FittedModel) -> tuple[int, str] | None:
-    """Return the part of a model that agrees least with itself, and why, where much is left; None where none does."""
+def _doubtful(choice: ModelChoice, fitted: FittedModel, sides: SidesGap | None) -> tuple[int, str] | None:
+    """Return the part of a model that agrees least with itself, and why, where much is left; None where none does.
+
+    `sides` is the backlash that both sides show: it is none of a spring's, nor of an error's of a reading.
+    """
     parts = fitted.model.parts
     before, after, noise = _squares(choice, fitted)
     if not parts or after <= LEFT**2 * noise:
         return None
+    problem, gap = choice.problem, None
+    if sides is not None and not {"backlash", VARYING} & {part.hypothesis.name for part in parts}:
+        gap = sides.beyond(plant_at(problem, fitted.model).gap, problem.period)
     for number in range(len(parts)):
-        factor = sides_factor(choice.problem, fitted, number)
+        factor = sides_factor(problem, fitted, number, gap)
         if factor is not None and abs(factor - 1.0) > MOST_BETWEEN:
             return number, f"between motor and table the log shows {factor:.2g} times as much of it as the model"
     if after - noise <= (1.0 - EXPLAINED) * (before - noise):
         return None
-    found = [disagreement(choice.problem, fitted, number) for number in range(len(parts))]
+    found = [disagreement(problem, fitted, number) for number in range(len(parts))]
     worst = max(range(len(parts)), key=lambda number: abs(found[number].factor - 1.0))
     if abs(found[worst].factor - 1.0) <= MOST:
         return None
@@ -229,10 +244,14 @@ def _sides_finding(problem: AxisProblem, sides: SidesGap, others: Mapping[str, f
     """Put a backlash that both sides show into a finding; `others` are keys that go with it."""
     name = problem.axis.name
     explains = f"{micrometres(sides.before)} µm rms of their difference without it, {micrometres(sides.after)} with it"
-    evidence = (
+    evidence: tuple[str, ...] = (
         f"both sides show it without a model of the servo: {explains}",
         "the model of the servo misses this log, so that its size is from the two readings alone",
     )
+    if sides.slows < HELD:
+        harder = f"where the motor brakes harder than {float(f'{sides.slows / MM:.2g}'):g} mm/s²"
+        runs_on = "friction does not hold the table: it runs on to the other side of its backlash"
+        evidence += (f"{harder} {runs_on}, which no machine file can say",)
     return Finding(
         name="backlash",
         axis=name,

@@ -2,8 +2,9 @@
 
 X_motor less X_act knows no servo, no following error and no feed-forward. Where the file's servo is not the one of
 the log, a gap that both sides show plainly is lost in what the model misses: here it is judged on the difference
-alone. A table that friction holds in a gap follows the motor that was read; beside it the difference may go with
-place, speed and acceleration (a scale, a late reading, a spring).
+alone. A table that friction holds in a gap follows the motor that was read; one on easy guideways runs on across its
+gap where the motor brakes harder than friction does. Beside it the difference may go with place, speed and
+acceleration (a scale, a late reading, a spring).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
 
+from ph_post.compiling import compiled
 from ph_post.diagnose.consistency import MOST, regimes
 from ph_post.identify.errors import BLOCKS, block_covariance, rounding_of
 from ph_post.identify.free_run import AxisProblem
@@ -33,13 +35,30 @@ LEAST: Final = 0.08
 """Part of what a gap does that a regime must hold to count."""
 
 
-class SidesGap(msgspec.Struct, frozen=True, kw_only=True):
-    """Backlash that both sides of an axis show: `width` and its standard error [m], `before` and `after` rms [m]."""
+HELD: Final = np.inf
+"""Deceleration by friction of a table that stops at once where nothing pushes it."""
+
+SLOWS: Final = tuple(2.0 ** np.arange(2, -7, -1))
+"""Decelerations by friction from which a search begins [m/s²]: less than a standstill holds nothing in a gap."""
+
+
+class SidesGap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Backlash that both sides of an axis show.
+
+    `width` and its standard error [m]; `slows`, the deceleration by which friction slows the table [m/s²], infinite
+    where it does not run on; `before` and `after`, rms of the difference [m]; `motor`, where it is, smoothed, (n,) [m].
+    """
 
     width: float
     error: float
+    slows: float
     before: float
     after: float
+    motor: Array
+
+    def beyond(self, gap: float, period: float) -> Array:
+        """Return what this backlash adds to motor less table beyond one of `gap` [m] that friction holds, (n,) [m]."""
+        return np.asarray(coast(self.motor, gap, HELD, period) - coast(self.motor, self.width, self.slows, period))
 
 
 def gap_between(problem: AxisProblem) -> SidesGap | None:
@@ -63,47 +82,82 @@ def gap_between(problem: AxisProblem) -> SidesGap | None:
     columns = columns / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
     basis = np.linalg.qr(columns)[0]
 
-    def left(width: float) -> Array:
-        rest = apart - (place - play(place, width))[use]
+    def left(width: float, slows: float) -> Array:
+        rest = apart - (place - coast(place, width, slows, problem.period))[use]
         return np.asarray(rest - basis @ (basis.T @ rest))
 
+    def square(width: float, slows: float) -> float:
+        return float(np.mean(left(width, slows) ** 2))
+
+    def stands(width: float, slows: float) -> bool:
+        after = square(width, slows)
+        explains = before - after >= EXPLAINS * (before - min(noise**2, after))
+        rest = left(width, slows)
+        return width >= CLEAR * noise and explains and _agrees(problem, none - rest, rest, use)
+
+    def best_width(slows: float) -> float:
+        return float(minimize_scalar(square, args=(slows,), bounds=(0.0, most), options={"xatol": 1e-9}).x)
+
     noise = float(np.hypot(table.noise, motor.noise))
-    none = left(0.0)
+    none = left(0.0, HELD)
+    before = float(np.mean(none**2))
     most = 6.0 * float(np.std(none)) + 10.0 * noise
-    found = minimize_scalar(lambda width: float(np.mean(left(width) ** 2)), bounds=(0.0, most), options={"xatol": 1e-9})
-    width = float(found.x)
-    rest = left(width)
-    before, after = float(np.mean(none**2)), float(np.mean(rest**2))
-    if width < CLEAR * noise or before - after < EXPLAINS * (before - min(noise**2, after)):
-        return None
-    adds = none - rest
-    if not _agrees(problem, adds, rest, use):
-        return None
+    width, slows = best_width(HELD), HELD
+    if not stands(width, slows):
+        start = min(SLOWS, key=lambda one: square(best_width(one), one))
+        found = minimize_scalar(
+            lambda one: square(best_width(one), one), bounds=(0.5 * start, 2.0 * start), options={"xatol": 0.01 * start}
+        )
+        slows = float(found.x)
+        width = best_width(slows)
+        if not stands(width, slows):
+            return None
+    rest = left(width, slows)
+    after = square(width, slows)
     step = 0.02 * width
-    slope = (left(width + step) - left(width - step)) / (2.0 * step)
+    slopes = [(left(width + step, slows) - left(width - step, slows)) / (2.0 * step)]
+    if slows < HELD:
+        slopes.append((left(width, 1.05 * slows) - left(width, slows / 1.05)) / 0.1)
     size = max(float(np.sqrt(after)), 1e-12)
-    jacobian = np.column_stack([slope, basis * np.sqrt(rest.size)]) / size
+    jacobian = np.column_stack([*slopes, basis * np.sqrt(rest.size)]) / size
     number = np.arange(rest.size) * BLOCKS // rest.size
     rounded = [rounding_of(one, problem.speed, use) for one in (table, motor)]
     rounded = [one._replace(size=one.size / size) for one in rounded]
     error = float(np.sqrt(block_covariance(jacobian, rest / size, number, rounded=rounded)[0, 0]))
-    return SidesGap(width=width, error=error, before=float(np.sqrt(before)), after=float(np.sqrt(after)))
+    return SidesGap(
+        width=width,
+        error=error,
+        slows=slows,
+        before=float(np.sqrt(before)),
+        after=float(np.sqrt(after)),
+        motor=place,
+    )
 
 
-def play(motor: Array, gap: float) -> Array:
-    """Return the place of a table (n,) that friction holds in a gap behind a motor (n,), from its middle on.
+@compiled
+def coast(motor: Array, gap: float, slows: float, period: float) -> Array:
+    """Return the place of a table (n,) in a gap behind a motor (n,), from its middle on.
+
+    Where nothing pushes the table, friction slows it down by `slows` [m/s²], at once where that is infinite; where it
+    meets a side of the gap it goes on with the motor.
 
     Examples
     --------
-    >>> play(np.array([0.0, 2.0, 4.0, 3.0, 1.0]), 2.0)
+    >>> coast(np.array([0.0, 2.0, 4.0, 3.0, 1.0]), 2.0, np.inf, 1.0)
     array([0., 1., 3., 3., 2.])
+    >>> coast(np.array([0.0, 2.0, 4.0, 4.0, 4.0]), 2.0, 0.5, 1.0)
+    array([0. , 1. , 3. , 4.5, 5. ])
     """
-    table, half = float(motor[0]), 0.5 * gap
-    found = []
-    for at in motor.tolist():
-        table = min(max(table, at - half), at + half)
-        found.append(table)
-    return np.array(found)
+    half, at, speed = 0.5 * gap, motor[0], 0.0
+    found = np.empty_like(motor)
+    for k in range(motor.size):
+        speed = max(speed - slows * period, 0.0) if speed > 0.0 else min(speed + slows * period, 0.0)
+        at += speed * period
+        if abs(at - motor[k]) > half:
+            at = motor[k] + (half if at > motor[k] else -half)
+            speed = (motor[k] - motor[k - 1]) / period if k else 0.0
+        found[k] = at
+    return found
 
 
 def _agrees(problem: AxisProblem, adds: Array, rest: Array, use: BoolArray) -> bool:

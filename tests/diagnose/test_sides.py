@@ -38,11 +38,35 @@ def friction_held(motor: Array, gap: float) -> Array:
     return np.array(found)
 
 
-def logged(gap: float, seed: int = 1, grows: bool = False) -> tuple[Log, Machine]:
+def pushed(motor: Array, gap: float, friction: float) -> Array:
+    """A table of unit mass between stiff, damped stops, with dry friction [m/s²], in 25 steps a sample."""
+    stiff, damped, fine = (2.0 * np.pi * 200.0) ** 2, 0.8 * 2.0 * np.pi * 200.0, 25
+    step = 1e-3 / fine
+    driver = np.interp(np.arange(motor.size * fine) / fine, np.arange(motor.size), motor)
+    rates = np.gradient(driver, step)
+    at, speed, found = float(motor[0]), 0.0, []
+    for k, (place, rate) in enumerate(zip(driver.tolist(), rates.tolist(), strict=True)):
+        if k % fine == 0:
+            found.append(at)
+        apart = place - at
+        push = 0.0
+        if apart > 0.5 * gap:
+            push = max(stiff * (apart - 0.5 * gap) + damped * (rate - speed), 0.0)
+        elif apart < -0.5 * gap:
+            push = min(stiff * (apart + 0.5 * gap) + damped * (rate - speed), 0.0)
+        free = speed + step * push
+        speed = max(free - step * friction, 0.0) if free > 0.0 else min(free + step * friction, 0.0)
+        at += step * speed
+    return np.array(found)
+
+
+def logged(gap: float, seed: int = 1, grows: bool = False, friction: float = 0.0) -> tuple[Log, Machine]:
     command = 8e-3 * np.sin(2.0 * np.pi * np.cumsum(0.3 + 1.2 * (T / T[-1]) ** 2) * 1e-3)
     motor = cascade(command)
     noise = 0.15 * UM * np.random.default_rng(seed).standard_normal((2, T.size))
     table = motor - gap * np.gradient(motor, 1e-3) / 0.05 if grows else friction_held(motor, gap)
+    if friction:
+        table = pushed(motor, gap, friction)
     axes = {"X": AxisLog(command=command, table=table + noise[0], motor=motor + noise[1])}
     machine = make_machine([make_axis("motor", 1e-4, 4.5e-3, 0.0)], 1e-3)
     return Log(name="cascade", t=T, period=1e-3, axes=axes), machine
@@ -60,6 +84,24 @@ def test_the_gap_is_sized_whatever_the_servo_does(gap: float) -> None:
     assert found is not None
     assert found.width == pytest.approx(gap * UM, rel=0.02, abs=0.05 * UM)
     assert found.after < 0.3 * UM
+
+
+@pytest.mark.parametrize(("gap", "friction"), [(8.0, 0.15), (25.0, 0.06)])
+def test_a_table_on_easy_guideways_runs_on_across_its_gap(gap: float, friction: float) -> None:
+    """Between stops 2 F / k farther apart; the motor brakes by up to 0.7 m/s²."""
+    log, machine = logged(gap * UM, friction=friction)
+    found = gap_between(problem(log, machine))
+    assert found is not None
+    assert found.width == pytest.approx(gap * UM + 2.0 * friction / (2.0 * np.pi * 200.0) ** 2, rel=0.05)
+    assert found.slows == pytest.approx(friction, rel=0.3)
+
+
+def test_the_gap_of_a_table_that_runs_on_is_named_and_the_spring_that_it_resembles_is_not() -> None:
+    found = diagnose(*logged(8.0 * UM, friction=0.15))
+    assert not {"elastic_windup", "coulomb_friction"} & {one.name for one in found.findings}
+    backlash = next(one for one in found.findings if one.name == "backlash")
+    assert backlash.parameters["lost_motion"].value == pytest.approx(8e-3, rel=0.1)
+    assert any(one.startswith("where the motor brakes harder than 1") for one in backlash.evidence)
 
 
 def test_no_gap_is_found_where_the_sides_differ_by_the_speed_or_by_noise() -> None:
