@@ -24,7 +24,7 @@ from ph_post.identify.linear_drive import AxisMotion, motion_of
 from ph_post.testprograms.experiments import next_experiment
 from ph_post.types import Array, Log, Machine
 from ph_post.types.diagnosis import Channel, Experiment, Finding, LogQuality, ResidualPlace, Verdict
-from ph_post.units import MS
+from ph_post.units import MM, MS
 
 MOVED: Final = 0.5
 """Standard errors of the file by which a base value must have moved to be named."""
@@ -140,7 +140,7 @@ def diagnosis_notes(
     """Say what else a person should know: base values, origins, what is left, what could not show."""
     known = () if verdict == "unknown" else outcomes
     said = [sentence for one in known if one.found for sentence in _left(log, one, remaining)]
-    said += [sentence for one in known for sentence in _moved(one)]
+    said += [sentence for one in known for sentence in (*_moved(one), *_not_written(one))]
     shifted = [words for one in outcomes for words in _shifted(one)]
     if shifted:
         listed = ", ".join(shifted)
@@ -164,6 +164,18 @@ def _moved(outcome: AxisDiagnosis) -> Iterator[str]:
             said.append(f"{name} is {100.0 * prior.error * abs(off):.2g} % {word}, {far}")
     if said:
         yield f"base values of {outcome.problem.axis.name} by the log: {'; '.join(said)}"
+
+
+def _not_written(outcome: AxisDiagnosis) -> Iterator[str]:
+    """Yield in a sentence a backlash that is named and left out of the file, and why."""
+    axis, sides = outcome.problem.axis, outcome.sides
+    if sides is not None and not sides.holds(axis.limits.acceleration):
+        slows, safe = (float(f"{part * sides.slows / MM:.2g}") for part in (1.0, 0.9))
+        yield (
+            f"the backlash of {axis.name} is not written to the machine file: the table runs on across it where the "
+            f"motor brakes harder than {slows:g} mm/s², and compensation, which counts on friction, would make parts "
+            f"worse; with max_acceleration_mm_s2 = {safe:g} or less, in the controller too, it would be written"
+        )
 
 
 def _shifted(outcome: AxisDiagnosis) -> Iterator[str]:

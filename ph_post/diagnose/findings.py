@@ -241,7 +241,10 @@ def _other_kinds(problem: AxisProblem, kinds: Sequence[ModelPart]) -> Iterator[s
 
 
 def _sides_finding(problem: AxisProblem, sides: SidesGap, others: Mapping[str, float]) -> Finding:
-    """Put a backlash that both sides show into a finding; `others` are keys that go with it."""
+    """Put a backlash that both sides show into a finding; `others` are keys that go with it.
+
+    No file says that a table runs on, and offsets are wrong where it does: the backlash is named, and not written.
+    """
     name = problem.axis.name
     explains = f"{micrometres(sides.before)} µm rms of their difference without it, {micrometres(sides.after)} with it"
     evidence: tuple[str, ...] = (
@@ -250,8 +253,11 @@ def _sides_finding(problem: AxisProblem, sides: SidesGap, others: Mapping[str, f
     )
     if sides.slows < HELD:
         harder = f"where the motor brakes harder than {float(f'{sides.slows / MM:.2g}'):g} mm/s²"
-        runs_on = "friction does not hold the table: it runs on to the other side of its backlash"
-        evidence += (f"{harder} {runs_on}, which no machine file can say",)
+        evidence += (f"{harder} friction does not hold the table: it runs on to the other side of its backlash",)
+    key = KEYS["lost_motion"]
+    keys = {one: value for one, value in others.items() if one != key}
+    if sides.holds(problem.axis.limits.acceleration):
+        keys[key] = float(f"{sides.width / MM:.7g}")
     return Finding(
         name="backlash",
         axis=name,
@@ -259,7 +265,7 @@ def _sides_finding(problem: AxisProblem, sides: SidesGap, others: Mapping[str, f
         where=f"in {name}_motor less {name}_act, whatever the servo does",
         evidence=evidence,
         confidence=0.99,
-        keys={**others, KEYS["lost_motion"]: float(f"{sides.width / MM:.7g}")},
+        keys=keys,
     )
 
 
@@ -377,7 +383,7 @@ def improved_axis(axis: Axis, findings: tuple[Finding, ...]) -> Axis:
             axis = replace(axis, effects=(*axis.effects, one.setting))
             if backlash_varies(replace(axis, gravity_side=None)):
                 axis = replace(axis, gravity_side=None)  # what widens opens
-        if one.name == "backlash":
+        if one.name == "backlash" and KEYS["lost_motion"] in one.keys:
             surer = relative_uncertainty(one.parameters["lost_motion"])
             if surer is not None:
                 axis = replace(axis, uncertainty=replace(axis.uncertainty, backlash=surer))

@@ -56,6 +56,10 @@ class SidesGap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     after: float
     motor: Array
 
+    def holds(self, acceleration: float) -> bool:
+        """Return whether friction holds the table in the backlash at all accelerations up to this [m/s²]."""
+        return self.slows >= acceleration
+
     def beyond(self, gap: float, period: float) -> Array:
         """Return what this backlash adds to motor less table beyond one of `gap` [m] that friction holds, (n,) [m]."""
         return np.asarray(coast(self.motor, gap, HELD, period) - coast(self.motor, self.width, self.slows, period))
