@@ -271,8 +271,10 @@ def _value(question: Question, text: str, axes: AskedAxes, where: str) -> Any:
 def _refuse_idle(question: Question, answer: GivenAnswer | None) -> None:
     """Refuse the answer to a question that this machine does not have: it was meant for another."""
     if answer is not None:
-        what = "answers nothing on a machine without such a loop"
-        expected = "--position-gain as well" if question.silent else "no such answer"
+        what = "not used by a machine with these loops"
+        if question.silent:
+            what = "belongs to a cascade, which this machine has not"
+        expected = "--position-gain as well" if question.silent else "it left out"
         raise InputError(answer.where, what, expected=expected, got=repr(answer.text))
 
 

@@ -252,7 +252,8 @@ def cascaded_axis(
     vague = [name for name in names if name not in MAY_BE_NONE and name != "gap" and errors[name] > VAGUE]
     if vague:
         words = " and ".join(NAMES[one].replace("_", " ") for one in vague)
-        said.append(f"{words} cannot be told apart by this log, their effect on the path is")
+        others = "each other" if len(vague) > 1 else "the other gains"
+        said.append(f"{words} cannot be told from {others} by this log; what they do to the path together is known")
     if found.verdict.fit is None and found.verdict.bound is not None:
         said.append(f"the log shows no backlash above {found.verdict.bound / MICROMETRE:.2g} µm")
     parameters = _estimates(plant, errors)

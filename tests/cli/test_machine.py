@@ -391,7 +391,7 @@ def test_the_answer_to_a_question_of_another_machine_is_refused(capsys):
     status, _, err = run(capsys, *NEW, "--yes", "--loop", "none", "--lead", "5")
     assert (status, err) == (
         2,
-        "ph-post: --lead: answers nothing on a machine without such a loop; expected no such answer; got '5'\n",
+        "ph-post: --lead: not used by a machine with these loops; expected it left out; got '5'\n",
     )
 
 

@@ -137,7 +137,7 @@ def test_gains_that_stand_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 BAD = {
     "--feedforward 95": (
-        "--feedforward: answers nothing on a machine without such a loop; expected --position-gain as well; got '95'"
+        "--feedforward: belongs to a cascade, which this machine has not; expected --position-gain as well; got '95'"
     ),
     "--position-gain 40 --following-error 40/s": (
         "--following-error: the cascade of axis X has one of its own; expected --position-gain alone"
