@@ -8,18 +8,17 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from ph_post.compensate.strategies.registry import PLAIN
+from ph_post.compiling import compiled, inner, read_only
 from ph_post.geometry.bernstein import integrate
 from ph_post.geometry.track import Track
 from ph_post.types import Array, Command, IntArray, Phase, Plan, frozen
-
-_CHUNK = 1 << 14
-"""Instants evaluated at a time: what is at work stays in the processor's cache."""
 
 _WHOLE = 1e-9
 """A duration this part of a period short of a whole number of periods counts as whole."""
@@ -59,8 +58,11 @@ class MotionLaw:
         self.end = float(ends[-1])
         self.speeds = tuple(speeds)
         self.group, self.row = group, row
-        self._speed = [np.ascontiguousarray(one.T) for one in speeds]
-        self._way = [np.ascontiguousarray(integrate(one).T) for one in speeds]
+        self._ways = [integrate(one) for one in speeds]
+        degree = np.array([one.shape[1] - 1 for one in speeds])
+        self._choose, self._degree = _binomials(int(degree.max()) + 1), degree[group]
+        self._tables = _flattened(speeds, group, row), _flattened(self._ways, group, row)
+        self._columns = read_only(self.start), read_only(duration), read_only(s)
 
     @classmethod
     def from_phases(cls, phases: Sequence[Phase]) -> MotionLaw:
@@ -102,11 +104,9 @@ class MotionLaw:
 
     def place_and_feed(self, t: Array) -> tuple[Array, Array]:
         """Arc length [m] and speed [m/s] at `t` [s]; before the start and after the end what holds there."""
-        t = np.asarray(t, dtype=np.float64)
-        s, feed = np.empty(t.size), np.empty(t.size)
-        for first in range(0, t.size, _CHUNK):
-            part = slice(first, first + _CHUNK)
-            self._chunk(t[part], s[part], feed[part])
+        speed, way = self._tables
+        s, feed = np.empty(np.size(t)), np.empty(np.size(t))
+        _place_and_feed(read_only(t), *self._columns, self._choose, self._degree, *speed, *way, s, feed)
         return s, feed
 
     def place_at(self, t: float) -> float:
@@ -124,36 +124,16 @@ class MotionLaw:
     @cached_property
     def _places(self) -> list[tuple[float, float, list[float]]]:
         """Duration, arc length at the beginning, and coefficients of the way, of every phase."""
-        ways = [one.T.tolist() for one in self._way]
+        ways = [one.tolist() for one in self._ways]
         columns = (self.duration, self.s, self.group, self.row)
         rows = zip(*(column.tolist() for column in columns), strict=True)
         return [(duration, s, ways[group][row]) for duration, s, group, row in rows]
 
-    def acceleration(self, t: Array, phase: IntArray | None = None) -> Array:
-        """Rate of change of the speed [m/s²] at `t` [s], in phases if they are known; at a boundary the later one's."""
-        t = np.asarray(t, dtype=np.float64)
-        phase = self.phase_at(t) if phase is None else phase
-        tau = np.clip((t - self.start[phase]) / self.duration[phase], 0.0, 1.0)
-        rate = np.zeros(t.size)
-        for number, speed in enumerate(self._speed):
-            mine = np.flatnonzero(self.group[phase] == number)
-            slope = np.ascontiguousarray((len(speed) - 1) * np.diff(speed, axis=0))
-            rate[mine] = _evaluate(slope, self.row[phase[mine]], *_powers(tau[mine], len(slope) - 1))
-        return rate / self.duration[phase]
-
-    def _chunk(self, t: Array, s: Array, feed: Array) -> None:
-        phase = self.phase_at(t)
-        duration = self.duration[phase]
-        tau = np.clip((t - self.start[phase]) / duration, 0.0, 1.0)
-        group, row = self.group[phase], self.row[phase]
-        for number, (speed, way) in enumerate(zip(self._speed, self._way, strict=True)):
-            mine = np.flatnonzero(group == number)
-            if mine.size:
-                own, powers = row[mine], _powers(tau[mine], len(way) - 1)
-                feed[mine] = _evaluate(speed, own, *powers)
-                s[mine] = _evaluate(way, own, *powers)
-        s *= duration
-        s += self.s[phase]
+    def acceleration(self, t: Array) -> Array:
+        """Rate of change of the speed [m/s²] at `t` [s]; at a boundary the later phase's."""
+        rate = np.empty(np.size(t))
+        _acceleration(read_only(t), *self._columns[:2], self._choose, self._degree, *self._tables[0], rate)
+        return rate
 
 
 def row_times(motion: MotionLaw, period: float) -> Array:
@@ -164,17 +144,95 @@ def row_times(motion: MotionLaw, period: float) -> Array:
     return times
 
 
-def _evaluate(columns: Array, row: IntArray, up: Sequence[Array], down: Sequence[Array]) -> Array:
-    """Bernstein polynomials of coefficients ``columns[:, row]`` at τ, by the powers of τ and 1 - τ."""
-    n = len(columns) - 1
-    value = np.zeros(row.size)
+def _flattened(tables: Sequence[Array], group: IntArray, row: IntArray) -> tuple[IntArray, Array]:
+    """Where the coefficients of every phase begin, and the coefficients one after the other."""
+    begin = np.cumsum([0, *(one.size for one in tables)])
+    width = np.array([one.shape[1] for one in tables])
+    return begin[group] + width[group] * row, read_only(np.concatenate([one.ravel() for one in tables]))
+
+
+@lru_cache(maxsize=64)
+def _binomials(n: int) -> Array:
+    """Binomial coefficients (n + 1, n + 1)."""
+    return frozen([[math.comb(row, k) for k in range(n + 1)] for row in range(n + 1)])
+
+
+@inner
+def _phase_at(start: Any, t: Any, near: Any) -> Any:
+    """Return the number of the phase at an instant: at a boundary the later one. It may be near, or one further."""
+    for phase in range(near, min(near + 2, start.size)):
+        if start[phase] <= t and (phase + 1 == start.size or t < start[phase + 1]):
+            return phase
+    return max(np.searchsorted(start, t, side="right") - 1, 0)
+
+
+@inner
+def _within(t: Any, start: Any, duration: Any) -> Any:
+    """Return the part of a phase at an instant, from 0 to 1."""
+    tau = (t - start) / duration
+    return 0.0 if tau < 0.0 else (1.0 if tau > 1.0 else tau)
+
+
+@inner
+def _fill(powers: Any, tau: Any, most: Any) -> None:
+    """Put in the powers of τ and of 1 - τ, from 0 to the highest that is wanted."""
+    powers[:, 0] = 1.0
+    for k in range(most):
+        powers[0, k + 1] = powers[0, k] * tau
+        powers[1, k + 1] = powers[1, k] * (1.0 - tau)
+
+
+@inner
+def _bernstein(n: Any, coefficients: Any, first: Any, powers: Any, choose: Any) -> Any:
+    """Return a Bernstein polynomial of degree n by its coefficients, which begin at `first`."""
+    value = 0.0
     for k in range(n + 1):
-        value += math.comb(n, k) * up[k] * down[n - k] * columns[k].take(row)
+        value += choose[n, k] * powers[0, k] * powers[1, n - k] * coefficients[first + k]
     return value
 
 
+@compiled
+def _place_and_feed(
+    t: Any,
+    start: Any,
+    duration: Any,
+    begin: Any,
+    choose: Any,
+    degree: Any,
+    speed_at: Any,
+    speed: Any,
+    way_at: Any,
+    way: Any,
+    s: Any,
+    feed: Any,
+) -> None:
+    """Put in arc lengths `s` (n,) and speeds `feed` (n,) at instants `t` (n,), see :class:`MotionLaw`."""
+    powers, phase = np.empty(choose.shape), 0
+    for i in range(t.size):
+        phase = _phase_at(start, t[i], phase)
+        n = degree[phase]
+        _fill(powers, _within(t[i], start[phase], duration[phase]), n + 1)
+        feed[i] = _bernstein(n, speed, speed_at[phase], powers, choose)
+        s[i] = _bernstein(n + 1, way, way_at[phase], powers, choose) * duration[phase] + begin[phase]
+
+
+@compiled
+def _acceleration(
+    t: Any, start: Any, duration: Any, choose: Any, degree: Any, speed_at: Any, speed: Any, rate: Any
+) -> None:
+    """Put in the rates of change of the speed (n,) at instants `t` (n,), see :class:`MotionLaw`."""
+    powers, slopes, phase = np.empty(choose.shape), np.empty(len(choose)), 0
+    for i in range(t.size):
+        phase = _phase_at(start, t[i], phase)
+        n, first = degree[phase], speed_at[phase]
+        for k in range(n):
+            slopes[k] = n * (speed[first + k + 1] - speed[first + k])
+        _fill(powers, _within(t[i], start[phase], duration[phase]), n)
+        rate[i] = _bernstein(n - 1, slopes, 0, powers, choose) / duration[phase]
+
+
 def _evaluate_one(coefficients: Sequence[float], tau: float) -> float:
-    """One Bernstein polynomial at one place, rounded as by :func:`_evaluate`."""
+    """One Bernstein polynomial at one place, rounded as by :func:`_bernstein`."""
     n = len(coefficients) - 1
     up, down = [1.0], [1.0]
     for _ in range(n):
@@ -184,15 +242,6 @@ def _evaluate_one(coefficients: Sequence[float], tau: float) -> float:
     for k, coefficient in enumerate(coefficients):
         value += math.comb(n, k) * up[k] * down[n - k] * coefficient
     return value
-
-
-def _powers(tau: Array, most: int) -> tuple[list[Array], list[Array]]:
-    """Return the powers of τ and of 1 - τ, from 0 to the highest that is wanted."""
-    powers = [np.ones_like(tau)], [np.ones_like(tau)]
-    for own, x in zip(powers, (tau, 1.0 - tau), strict=True):
-        for _ in range(most):
-            own.append(own[-1] * x)
-    return powers
 
 
 class FeedAlong:

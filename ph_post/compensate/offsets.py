@@ -245,7 +245,8 @@ def axis_motion(track: Track, s: Array, feed: Array, rate: Array) -> tuple[Array
     """
     with np.errstate(all="ignore"):
         place, tangent, bend = track.arc_derivatives(*track.locate(s), 2)
-    tangent, bend = (np.where(np.isfinite(rows), rows, 0.0) for rows in (tangent, bend))
+    for rows in (tangent, bend):
+        rows[~np.isfinite(rows)] = 0.0
     pace = feed[:, np.newaxis]
     return place, tangent * pace, bend * pace**2 + tangent * rate[:, np.newaxis]
 

@@ -105,7 +105,7 @@ class LeadRoom:
         if rows.whole and motion.ends_at_rest:
             s[-1] = self.track.length
         phase = motion.phase_at(rows.t)
-        position, speed, acceleration = axis_motion(self.track, s, feed, motion.acceleration(rows.t, phase))
+        position, speed, acceleration = axis_motion(self.track, s, feed, motion.acceleration(rows.t))
         friction, turns = self._friction(speed)
         plain, speed, acceleration = (smoothed(one, half, rows.calm) for one in (position, speed, acceleration))
         lead = self._lead(speed, acceleration)

@@ -7,7 +7,7 @@ its motor has to answer; the motor's torque limit bounds it.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -15,8 +15,9 @@ import numpy as np
 from ph_post.compensate.friction import friction_of
 from ph_post.compensate.limit_curve import AxisLimits, axis_limits
 from ph_post.compensate.motion import MotionLaw, row_times
+from ph_post.compiling import compiled, read_only
 from ph_post.drive.backlash import gap_constant
-from ph_post.geometry.numeric import largest, runs
+from ph_post.geometry.numeric import runs
 from ph_post.geometry.track import Track
 from ph_post.types import Array, Axis, BoolArray, Command, Machine
 
@@ -219,10 +220,32 @@ def _look(track: Track, limits: AxisLimits, motion: MotionLaw, t: Array) -> Viol
 
 def slower_by(position: Array, limits: AxisLimits, noise: float) -> Array:
     """Part of its speed (rows,) that the motion may keep where a difference begins, 1 where all is well."""
-    factor, difference = np.ones(len(position)), position
-    for order in range(1, min(3, len(position) - 1) + 1):
-        difference = np.diff(difference, axis=0)
-        ratio = largest(np.abs(difference / limits.period**order) / _allowed(limits, order, noise))
+    factor = np.ones(len(position))
+    powers = np.array([limits.period**order for order in (1, 2, 3)])
+    allowed = np.stack([_allowed(limits, order, noise) for order in (1, 2, 3)])
+    for order, ratio in enumerate(_ratios(read_only(position), powers, allowed), start=1):
         fast = np.flatnonzero(ratio > 1.0)
         factor[fast] = np.minimum(factor[fast], ratio[fast] ** (-1.0 / order))
     return factor
+
+
+@compiled
+def _ratios(position: Any, powers: Any, allowed: Any) -> Any:
+    """Return what the axes do over what they may, the most of all axes, by the order of the difference (3, rows).
+
+    `powers` (3,) are those of the period, `allowed` (3, dim) the limits; 0 where there are no samples for a difference.
+    """
+    rows, axes = position.shape
+    found = np.zeros((3, rows))
+    for axis in range(axes):
+        for i in range(rows - 1):
+            first = position[i + 1, axis] - position[i, axis]
+            found[0, i] = max(found[0, i], abs(first / powers[0]) / allowed[0, axis])
+            if i < rows - 2:
+                next_first = position[i + 2, axis] - position[i + 1, axis]
+                second = next_first - first
+                found[1, i] = max(found[1, i], abs(second / powers[1]) / allowed[1, axis])
+                if i < rows - 3:
+                    third = (position[i + 3, axis] - position[i + 2, axis]) - next_first - second
+                    found[2, i] = max(found[2, i], abs(third / powers[2]) / allowed[2, axis])
+    return found

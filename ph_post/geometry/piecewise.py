@@ -109,7 +109,7 @@ class Evaluator:
     def derivatives(self, row: IntArray, u: Array, order: int) -> Array:
         """Values and derivatives with respect to u of the group's pieces `row`, shape (order + 1, n, dim)."""
         if self.group.kind == "arc":
-            return _arc_derivatives(self.group.control[row], u, order)
+            return _arc_derivatives(self.group.control, row, u, order)
         values = np.stack([self._net_values(k, row, u) for k in range(order + 1)])
         return values if self.group.kind == "polynomial" else divide(values)
 
@@ -152,8 +152,9 @@ def divide(homogeneous: Array) -> Array:
     return quotient
 
 
-def _arc_derivatives(control: Array, u: Array, order: int) -> Array:
-    center, radius, first, sweep = control[:, 0], control[:, 1, 0], control[:, 1, 1], control[:, 2, 0]
+def _arc_derivatives(control: Array, row: IntArray, u: Array, order: int) -> Array:
+    center = control[:, 0].take(row, axis=0)
+    radius, first, sweep = (control[:, i, k].take(row) for i, k in ((1, 0), (1, 1), (2, 0)))
     angle = first + sweep * u
     cosine, sine = np.cos(angle), np.sin(angle)
     values = np.zeros((order + 1, *center.shape))
@@ -207,7 +208,11 @@ class PieceSet:
         for number, evaluator in enumerate(self._evaluators):
             mine = np.flatnonzero(group == number)
             if mine.size:
-                values[:, mine] = evaluator.derivatives(row[mine], u[mine], order)
+                found = evaluator.derivatives(row[mine], u[mine], order)
+                # Column by column: numpy takes several times as long for rows of two or three numbers.
+                for k in range(order + 1):
+                    for axis in range(self.dimension):
+                        values[k, :, axis][mine] = found[k, :, axis]
 
 
 MEETS: Final = 1e-6 * MM

@@ -255,8 +255,9 @@ def run_plant(
         instants, log = axis.run(z, first, table, motor, states)
     else:
         modes = modes_of(linear, period)
-        filled = filled_columns(linear, pushed=bool(force.size))
-        modes = modes._replace(filled=filled, level=level_for(linear, command))
+        filled, level = filled_columns(linear, pushed=bool(force.size)), level_for(linear, command)
+        if (filled, level) != (modes.filled, modes.level):
+            modes = modes._replace(filled=filled, level=level)
         _, instants, log = kernel.advance(command, period, z, first, modes, force, fed, table, motor, states)
     if given.size:
         given[:] = given_by(linear, command, fed, states, period)
