@@ -33,6 +33,7 @@ from ph_post.dialects.base import Dialect
 from ph_post.dialects.declaration import CORRECTED, Declaration, line_origins, read_declaration
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
+from ph_post.edit.cutter_contours import LEFT
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
 from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.preconditions import reckoned_feeds, require_tool, warn_reckoned
@@ -106,8 +107,26 @@ def compensate_program(
     check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")
     if request.lead:
         return _best_lead(original, machine, request, progress, path)
-    if _on_contours(original, machine, request):
-        original = with_contours(original)
+    contoured = with_contours(original) if _on_contours(original, machine, request) else original
+    found = _planned(contoured, machine, request, progress)
+    if contoured is original or found.edits is None:
+        return found
+    said = found.edits.warnings
+    if any(word.startswith(CORRECTED) for word in said):
+        return found
+    # No contour is shifted: the program is read as one in which they are passed through.
+    return _planned(original, machine, request, progress, tuple(word for word in said if LEFT in word))
+
+
+def _planned(
+    original: PartProgram,
+    machine: Machine,
+    request: ProgramRequest,
+    progress: Progress,
+    said: tuple[str, ...] = (),
+) -> CompensatedProgram:
+    """Plan, write and judge a program until it is good; `said` is added to its warnings."""
+    dialect = find_dialect(machine.dialect)
     reckoned = reckoned_feeds(original, machine)
     planner = _EditPlanner(reckoned, machine, dialect, request, progress)
     before = ProgramMotion(reckoned, reckoned, machine, "original", progress)
@@ -115,7 +134,7 @@ def compensate_program(
     options = replace(request.edit, cycle=cycle_time(before))
     paths_said = path_mode_warnings(original, machine, dialect)
     paths_said += chord_warnings(original, machine, dialect, options.tolerance)
-    paths_said += [*doubtful_values(machine, moved_axes(original)), *warn_reckoned(original, reckoned)]
+    paths_said += [*doubtful_values(machine, moved_axes(original)), *warn_reckoned(original, reckoned), *said]
     return _PlanSearch(original, planner, before, request, tuple(paths_said), progress).run(options)
 
 

@@ -50,6 +50,9 @@ _UPRIGHT: Final = ("heidenhain", "siemens")
 """Languages whose controls bring the tool upright onto the contour's first block (iTNC 530, Conversational, 5.3; NORM
 of SINUMERIK); others take the first move's own normal, or go by both."""
 
+LEFT: Final = "cutter compensation, left as it is"
+"""What the warning of a contour that cannot be shifted says."""
+
 _TURNS: Final = "an axis turns in it where it rests along no straight line"
 
 
@@ -269,7 +272,7 @@ class CutterContours:
         radii = {n: radius for n, radius in radii.items() if offset[slice(*own[n]), :2].any()}
         block = self._program.motions.block
         lines = [line_words(int(block[one.first]), int(block[one.last])) for one in self.contours]
-        found = [f"{lines[n]}: cutter compensation, left as it is: {why[n]}" for n in sorted(why)]
+        found = [f"{lines[n]}: {LEFT}: {why[n]}" for n in sorted(why)]
         if not radii:
             return found
         radius = min(radii.values())

@@ -151,6 +151,23 @@ def test_what_moves_nothing(line: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("turned", "ended", "known"),
+    [
+        ("ROT RPL=30", "ROT", True),
+        ("AROT RPL=30", "MIRROR", True),
+        ("MIRROR X0", "SCALE", True),
+        ("ROT RPL=30", "ROT RPL=0", False),
+        ("ROT RPL=30", "AROT", False),
+        ("TRAORI", "ROT", False),
+    ],
+)
+def test_a_frame_of_the_program_ends_with_its_word_alone(turned: str, ended: str, known: bool) -> None:
+    program = _read(f"{BEGIN}{turned}\nG1 X5 Y5 F100\n{ended}\nG1 X20 Y0 F100\nX30\nM30\n")
+    assert not (program.motions.block == 3).any()
+    assert bool((program.motions.block == 6).any()) is known
+
+
+@pytest.mark.parametrize(
     ("line", "note"),
     [
         ("X=R1 Y5", "X=R1"),

@@ -60,7 +60,8 @@ class SiemensModes:
     """Modes in force: `motion` G0 to G3, POLY, CIP or another word, measures, and whether F comes linearly.
 
     `at` are the places of the axes that are known, and `parameters` the R parameters; with `rounded` corners are
-    rounded until RNDM=0, and with `cut` the corner before the next motion is.
+    rounded until RNDM=0, and with `cut` the corner before the next motion is. `frames` are the words that have moved
+    or turned the frame.
     """
 
     def __init__(self) -> None:
@@ -70,6 +71,7 @@ class SiemensModes:
         self.modal_call = False
         self.rounded = False
         self.cut = False
+        self.frames: set[str] = set()
         self.at: dict[str, Decimal] = {}
         self.parameters: dict[str, Decimal] = {}
 
@@ -315,7 +317,11 @@ class _Line:
             self._refuse(word, FORGOTTEN if word.name.startswith(tables.CYCLES) else NOT_UNDERSTOOD)
 
     def _to_frame(self, word: Word, code: str) -> None:
-        self.parts.append(code)
+        """Note that the frame is another; alone a word of a program's own frame ends all that makes that one."""
+        alone = len(self.words) == 1 and word.name in tables.CLEARING and self.modes.frames <= tables.PROGRAMMABLE
+        self.parts.append("G69" if alone else code)
+        if not alone:
+            self.modes.frames.add(word.name)
         self._refuse(word)
 
     def _feed(self, word: Word) -> None:

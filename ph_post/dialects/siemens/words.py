@@ -75,6 +75,13 @@ FRAMES: Final[Mapping[str, str]] = {
 }
 """Words that move the frame (empty), turn it (G68), or replace it by one that is only moved (G69)."""
 
+PROGRAMMABLE: Final = frozenset(
+    ("TRANS", "ATRANS", "G58", "G59", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR")
+)
+"""Words of the frame that a program makes, all of which one of `CLEARING` ends that stands alone."""
+
+CLEARING: Final = frozenset(("ROT", "SCALE", "MIRROR"))
+
 DIAMETERS: Final[Mapping[str, str]] = {"DIAMON": "G7", "DIAM90": "G7", "DIAMOF": "G8"}
 
 
