@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -124,6 +125,16 @@ class ReversalSearch:
         self.crossings = CrossingSearch(ground, self._whole, self._restarts)
         self._given_up: dict[tuple[str, str], set[int]] = {}
         self.for_now: list[tuple[str, int, str]] = []
+        self._leave_unsure()
+
+    def _leave_unsure(self) -> None:
+        """Give up sections in which no cut can be written, as nobody knows what its F would mean."""
+        motions = self.program.motions
+        modes = np.array([modal.feed_mode == 0 for modal in self.program.modal], dtype=np.bool_)
+        unsure = np.logical_or.reduceat(modes[self.program.state[motions.block]], self.low)
+        for name, open_ in self.open.items():
+            for section in np.flatnonzero(unsure & open_).tolist():
+                self.give_up(name, section, "something not understood may have changed what F means")
 
     def changes(self, band: dict[str, float]) -> dict[str, Array]:
         """Find the changes of every axis, and those to no offset at the ends of chains; rows as of `find_reversals`."""
@@ -292,7 +303,29 @@ class ReversalSearch:
                 why = f"line {block + 1} goes over to G91 from where its position may not be known"
                 self.give_up(name, section, why)
                 found = True
+        absolute = self._absolute[rows[:, MOTION].astype(np.int64)]
+        chain = np.searchsorted(self._whole, rows[:, MOTION], side="right") - 1
+        floating = self._floating[:, AXES.index(name)]
+        lost = floating & np.isin(np.arange(floating.size), chain[absolute])
+        for section in rows[lost[chain]][:, CHAIN].astype(np.int64).tolist():
+            if self.open[name][section]:
+                self.give_up(name, section, "G91 alone moves it, and where it is under G90 is not known")
+                found = True
         return found
+
+    @cached_property
+    def _absolute(self) -> BoolArray:
+        """Mask (m,) of the motions behind which lines name places."""
+        modes = np.array([modal.absolute for modal in self.program.modal], dtype=np.bool_)
+        return np.asarray(modes[self.program.state[self.program.motions.block]])
+
+    @cached_property
+    def _floating(self) -> BoolArray:
+        """Mask (c, 3) of what is shifted by itself and the axes that nothing but increments moves there."""
+        motions = self.program.motions
+        moves = (motions.start != motions.end) & ~np.isnan(motions.end)
+        placed = np.logical_or.reduceat(moves & self._absolute[:, None], self._whole)
+        return np.asarray(np.logical_or.reduceat(moves, self._whole) & ~placed)
 
 
 def section_words(program: PartProgram, sections: Collection[int]) -> str:

@@ -342,9 +342,10 @@ class Modal(msgspec.Struct, frozen=True, kw_only=True):
     """Modal state after a block, as RS274/NGC groups it; None where the program has not said.
 
     `motion` "G1", "G81", …; `plane` 17 to 19; `units` [m] of one program unit; `absolute` G90;
-    `arc_absolute` G90.1; `feed_mode` 93, 94 or 95; `compensation` "G40", "G41", …; `length` "G43", "G49", …;
-    `system` "G54" to "G59.3"; `path` the whole path mode as written, "G64 P0.01 Q0"; `retract` "G98", "G99";
-    `spindle` "M3", "M4", "M5"; `mist`, `flood` on or off; `tool` in the spindle and `prepared`; `speed` S.
+    `arc_absolute` G90.1; `feed_mode` 93, 94, 95, or 0 where it may be any; `compensation` "G40", "G41", …;
+    `length` "G43", "G49", …; `system` "G54" to "G59.3"; `path` the whole path mode as written, "G64 P0.01 Q0";
+    `retract` "G98", "G99"; `spindle` "M3", "M4", "M5"; `mist`, `flood` on or off; `tool` in the spindle and `prepared`;
+    `speed` S.
     """
 
     motion: str | None = None
@@ -539,7 +540,7 @@ def make_modal(row: Array) -> Modal:
         units=units if units > 0 else 1e-3,
         absolute=absolute != 0.0,
         arc_absolute=arc_absolute == 1.0,
-        feed_mode=int(feed_mode) if feed_mode > 0 else 94,
+        feed_mode=int(feed_mode) if feed_mode > 0 else 0 if feed_mode == codes.UNKNOWN else 94,
         compensation=_word(row[codes.COMPENSATION]),
         length=_word(row[codes.LENGTH]),
         system=_word(row[codes.SYSTEM]),
