@@ -19,6 +19,10 @@ _EXTRUDED: Final = re.compile(rb"[Ee][ \t]*[-+]?[0-9.]*")
 _MOVE: Final = re.compile(rb"(?:[ \t]*[A-Za-z][ \t]*[-+]?(?:\d+\.?\d*|\.\d+))*[ \t]*(?:\*\d+[ \t]*)?")
 _SECOND: Final = re.compile(rb"[GMTgmt][ \t]*\d")
 
+_PLAIN_COMMENT: Final = re.compile(rb"^[ \t]*\([^()]*\)[ \t]*$|\([^()A-Z]*\)[ \t]*$")
+"""Text in parentheses that Marlin skips, built with PAREN_COMMENTS or without (parser.cpp): no command begins with one,
+and no parameter of a command is a small letter."""
+
 _READ: Final = frozenset((b"G0", b"G1", b"G2", b"G3", b"G4", b"G20", b"G21", b"G90", b"G91", b"G92", b"G28"))
 """Words that are read as RS274/NGC's, with the differences below."""
 
@@ -63,6 +67,10 @@ def _hidden(line: bytes, still: frozenset[bytes], arcs: bytes, foreign: bytes, *
     if not code.strip() or code.lstrip().startswith(b"#"):
         # No command begins with that: Marlin and Klipper say so, and go on (gcode.cpp, gcode.py: unknown command).
         return line
+    if not small:
+        code = _PLAIN_COMMENT.sub(lambda one: b" " * len(one[0]), code)
+        if not code.strip():
+            return code + mark + comment
     found = _COMMAND.match(code)
     if found is None:
         name = _NAME.match(code)

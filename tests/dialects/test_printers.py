@@ -94,6 +94,10 @@ def test_a_line_of_printer_firmware(line: str, expected: str, dialect: str) -> N
         ("G2 X1 Y1 R5", "G2 X1 Y1 R5", "$@"),
         ("X5 Y5", "$@", "$"),
         ("g1 x5", "$@", "g1 x5"),
+        ("(G1 X5)", "", "$"),
+        ("G4 P150 (wait 150ms)", "G4 P150", "$"),
+        ("G1 X5 (up to Y7)", "$@", "$@"),
+        ("(go) G1 X5", "$@", "$"),
     ],
 )
 def test_a_line_that_one_firmware_has(line: str, marlin: str, klipper: str) -> None:
