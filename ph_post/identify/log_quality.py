@@ -11,7 +11,7 @@ import numpy as np
 from ph_post.drive.cascade import way_of_motor
 from ph_post.files.check import counted
 from ph_post.identify import noise
-from ph_post.identify.between import ORDERS, interpolation_error, parts_between, refined
+from ph_post.identify.between import interpolation_error, parts_between, refined
 from ph_post.identify.linear_drive import (
     find_shift,
     linear_position,
@@ -281,15 +281,22 @@ def _between(log: Log, drive: Axis | None, reading: ChannelReading) -> float:
     return math.sqrt(float(np.mean(answer**2)))
 
 
+EFFORT_ORDERS: Final = (2.0, 4.0)
+"""By how much the error of an effort falls at least, and at most, where the period is halved."""
+
+
 def _effort_between(command: Array, servo: Servo, effort: Array, period: float) -> float:
-    """Return the same of an effort: every second row of the command is left out, and less comes of it by ORDERS."""
+    """Return the same of an effort: rows of the command are left out, and less comes of it as it did before."""
     if parts_between(period) == 1 or servo.b == 0.0:
         return 0.0
-    whole, coarse = _moving_effort(command, servo, period), _moving_effort(command[::2], servo, 2.0 * period)
+    whole = _moving_effort(command, servo, period)
+    off = []
+    for every in (2, 4):
+        coarse = _moving_effort(command[::every], servo, every * period)
+        off.append(math.sqrt(float(np.mean((whole[::every][: coarse.size] - coarse) ** 2))))
     known = np.isfinite(effort)
     gain = float(whole[known] @ effort[known]) / max(float(whole[known] @ whole[known]), 1e-300)
-    off = whole[::2][: coarse.size] - coarse
-    return abs(gain) * math.sqrt(float(np.mean(off**2))) / ORDERS[0]
+    return abs(gain) * off[0] / min(max(off[1] / max(off[0], 1e-300), EFFORT_ORDERS[0]), EFFORT_ORDERS[1])
 
 
 def _moving_effort(command: Array, servo: Servo, period: float) -> Array:
