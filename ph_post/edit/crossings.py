@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.edit.crossing_shapes import BALANCED, OUTER, OUTWARD, CrossingShape, points_along, stair
 from ph_post.edit.edits import CrossingEdit, CrossingPart
@@ -122,6 +125,16 @@ def _stretch(way: Array, passed: Array, points: Array) -> float:
     """
     ways = np.linalg.norm(np.diff(points, axis=0), axis=1)
     return 1.0 + CAUTIOUS * max(float((ways / np.maximum(np.diff(way), np.diff(passed))).min()) - 1.0, 0.0)
+
+
+def _with_motions_of_no_length(parts: Sequence[CrossingPart]) -> list[CrossingPart]:
+    """Add the motions between two parts, which are of no length, as of a line that is there twice."""
+    found = list(parts[:1])
+    for before, part in pairwise(parts):
+        between = range(before.motion + 1, part.motion)
+        found += [replace(before, motion=motion, low=0.0, high=1.0, line=True) for motion in between]
+        found.append(part)
+    return found
 
 
 class CrossingPlace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -473,7 +486,7 @@ class CrossingPlanner:
         parts: list[CrossingPart] = []
         for n in range(1, len(s)):
             first, last = np.searchsorted(self._along, (s[n - 1] + NOTHING, s[n] - NOTHING)).tolist()
-            ends = np.append(self._along[first:last], s[n])
+            ends = np.unique(np.append(self._along[first:last], s[n]))
             path = points_along(self._view, self._along, ends)
             if knots.line[n]:
                 share = (ends - s[n - 1]) / (s[n] - s[n - 1])
@@ -490,7 +503,7 @@ class CrossingPlanner:
             for end, extra in zip(ends.tolist(), added, strict=True):
                 parts.append(self._part(low, end, extra, knots.speed[n], stretched, line=knots.line[n]))
                 low = end
-        return tuple(parts)
+        return tuple(_with_motions_of_no_length(parts))
 
     def _part(
         self, low: float, high: float, added: Array, speed: float, stretched: float, *, line: bool

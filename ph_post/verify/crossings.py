@@ -470,7 +470,8 @@ def _check_feeds(
     longer = np.maximum(np.linalg.norm(motor, axis=1), np.hypot(way, np.linalg.norm(motor - path, axis=1)))
     straight = case.compensated.motions.kind[found.new.motion[mine]] == LINE
     with np.errstate(divide="ignore", invalid="ignore"):
-        bound = bound * np.where(straight, np.maximum(longer / way, 1.0), 1.0)
+        # A block of no length, as of a line that is there twice, is no longer than its way.
+        bound = bound * np.where(straight, np.fmax(longer / way, 1.0), 1.0)
     feed = feeds_of(case.compensated.motions, found.new)[mine]
     right = feed <= bound * (1.0 + spare_feed(case, found.new)[mine])
     right |= np.isnan(feed) & np.isnan(bound)

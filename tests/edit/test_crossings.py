@@ -448,6 +448,21 @@ def test_a_crossing_reaches_over_lines_that_move_nothing(dialect: str, between: 
     assert last[1] == pytest.approx(last[0], rel=1e-3)
 
 
+@pytest.mark.parametrize("dialect", DIALECTS[:2])
+def test_a_crossing_reaches_over_lines_that_are_there_twice(dialect: str) -> None:
+    once = circle_points(20.0, 400)
+    begin = "G0 X20 Y0 Z5\nG1 Z-1 F300\nG1 X20 Y0 F1200\n"
+    near = (98, 99, 1, 2)
+    twice = "".join((1 + (n % 100 in near)) * f"{line}\n" for n, line in enumerate(once.splitlines(), 1))
+    text, single = (BEGIN + ("" if dialect == "klipper" else FULL) + begin + one + END for one in (twice, once))
+    found, other = (compensate(one.encode(), machine(dialect), dialect=dialect) for one in (text, single))
+    assert len(found.edits.crossings) == len(other.edits.crossings) > 1
+    assert rms(errors(text, found.text.decode(), XY)) <= 1.1 * rms(errors(single, other.text.decode(), XY))
+    assert undo(found.text, "part.ngc") == text.encode()
+    verdict = verify(found.program, reread(found.program, found.text), tolerance=0.005 * MM, machine=machine(dialect))
+    assert [one.sentence() for one in verdict.failures] == []
+
+
 @pytest.mark.parametrize("dialect", DIALECTS[:3])
 def test_a_crossing_that_begins_on_a_slower_motion_keeps_its_feed(dialect: str) -> None:
     # X comes from the right, and turns back on the arc right behind the way down.

@@ -66,8 +66,9 @@ MACHINES = (*9 * ("stepper",), "router")
 TOO_LONG = 60.0
 """Time of the processor [s] after which a step counts as one without end."""
 
-SAMPLED = 0.004
-"""Places that the interpreters sample are off the path by less [mm]."""
+SAMPLED = 0.0072
+"""Places that the interpreters sample are off the path by less [mm]: a corner between two that are 0.02 mm apart is
+0.02 / sqrt(8) mm beside the chord."""
 
 TAKEN_UP = 3.0 * GAP
 """Distance [mm] from the way of the original within which every motor stays."""

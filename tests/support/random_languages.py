@@ -248,7 +248,8 @@ def random_text(number: int) -> RandomText:
     kind = str(rng.choice(names))
     cuts = random_work(rng, kind, GRID, flat=language.flat)
     if dialect not in WITHOUT and rng.random() < 0.5:
-        seed, times = int(rng.integers(1 << 30)), int(rng.integers(1, 4))
+        # Subprograms of Heidenhain's run once where nothing calls them: there is nothing to write out.
+        seed, times = int(rng.integers(1 << 30)), int(rng.integers(1 + dialect.startswith("heidenhain"), 4))
         text, plain = (
             _computed(language(np.random.default_rng(seed)), cuts, times, kept=kept) for kept in (True, False)
         )
