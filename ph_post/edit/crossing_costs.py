@@ -112,6 +112,13 @@ class CrossingCosts:
         kind = self._ground.program.motions.kind[rows[:, MOTION].astype(np.int64)]
         return np.asarray((kind == RAPID) & (rows[:, SHARE] == 1.0))
 
+    def _before_cut(self, rows: Array) -> BoolArray:
+        """Mask of the changes (n,) behind whose motion a cut comes next, rapids to the same place apart."""
+        motions = self._ground.program.motions
+        seen = np.flatnonzero((motions.kind != RAPID) | (motions.start != motions.end).any(axis=1))
+        behind = np.searchsorted(seen, rows[:, MOTION].astype(np.int64) + 1)
+        return np.asarray(np.append(motions.kind[seen], RAPID)[behind] != RAPID)
+
     def waits(self, rows: Array, first: BoolArray, axis: Axis, coarser: float) -> tuple[Array, Array, BoolArray]:
         """Rests before jogs and behind them (n,) [s], and which come from beyond their places, in the air.
 
@@ -119,14 +126,13 @@ class CrossingCosts:
         and no more, and else half as far beyond as its table follows. A cut that began at once would begin with the
         lag of rapid and jog.
         """
-        motion, kind = rows[:, MOTION].astype(np.int64), self._ground.program.motions.kind
         in_air = self._in_air(rows)
         onto_side = in_air & (rows[:, SIGN] != 0.0)
         reserve = max(0.5 * (self._ground.overshoot[axis.name] - axis.gap.lost_motion), RESIDUE)
         whole, part = _settled(axis, RESIDUE), _settled(axis, reserve)
         beyond = onto_side & (first | (rows[:, BEYOND] == 1.0) | (whole > part + SOONER))
         pause = np.where(in_air, 0.0, self._pause(axis, coarser))
-        cut = onto_side & (np.append(kind, RAPID)[motion + 1] != RAPID)
+        cut = onto_side & self._before_cut(rows)
         ahead = np.where(beyond, part, np.where(onto_side, whole, pause))
         behind = np.where(cut, SETTLING * response_time(axis.servo), pause)
         return ahead, behind, np.asarray(beyond)

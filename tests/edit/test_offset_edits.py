@@ -86,6 +86,14 @@ def test_behind_a_rapid_the_axis_comes_from_beyond_its_gap() -> None:
     assert re.search(r"\n\(ph-post: \+\d -1 X approach\)\nG0 X-0\.09 Y0\nG1 X0\.03 F", text)
 
 
+def test_a_rapid_to_where_the_axes_are_does_not_hide_the_cut_behind_it() -> None:
+    # A cut that began at once would begin with the lag of the move that takes up the backlash.
+    texts = (f"G21 G90 G94 G64 P0.01\nG0 X0 Y0 Z5\n{again}G1 Z-1 F300\nX20 F1200\nM2\n" for again in ("", "G0 X0 Y0\n"))
+    once, twice = (plan(text, machine=read_machine("router")).stops[0].shifts for text in texts)
+    assert [(one.axis, one.pause) for one in once] == [(one.axis, one.pause) for one in twice]
+    assert once[-1].pause > 0.05
+
+
 def test_no_move_of_one_axis_is_followed_by_a_dwell_where_motors_do_not_lag() -> None:
     edits = plan(START + "G1 X10\nX4\nG3 X8 Y4 I0 J4\nG1 X0\nM2\n")
     *inside, last = edits.stops
