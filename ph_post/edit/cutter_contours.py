@@ -266,12 +266,16 @@ class CutterContours:
         """Return the first motion of contours, and the one behind the move that leaves them."""
         return [(self.contours[n].first, self.contours[n].last + 2) for n in sorted(numbers)]
 
+    def lines(self) -> list[str]:
+        """Return the lines of each contour in words."""
+        block = self._program.motions.block
+        return [line_words(int(block[one.first]), int(block[one.last])) for one in self.contours]
+
     def words(self, why: Mapping[int, str], radii: Mapping[int, float], offset: Array) -> list[str]:
         """Return warnings of contours that are left, and what holds for those with an offset (m, 3)."""
         own = {n: (self.contours[n].first, self.contours[n].last + 1) for n in radii}
         radii = {n: radius for n, radius in radii.items() if offset[slice(*own[n]), :2].any()}
-        block = self._program.motions.block
-        lines = [line_words(int(block[one.first]), int(block[one.last])) for one in self.contours]
+        lines = self.lines()
         found = [f"{lines[n]}: {LEFT}: {why[n]}" for n in sorted(why)]
         if not radii:
             return found

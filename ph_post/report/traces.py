@@ -18,6 +18,7 @@ from ph_post.api.reversals import ProgramReversal
 from ph_post.bounds import check_places
 from ph_post.compensate.comparison import strategy_at, window_number
 from ph_post.compensate.motion import without_strategy
+from ph_post.edit.cutter_contours import CutterContours
 from ph_post.gcode.paths import line_words
 from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress
@@ -264,9 +265,15 @@ def program_picture(
         summary=summarize_program(delivery, both[0][1], both[-1][1], turns),
         rapids=tuple((float(path.starts[k]), float(path.starts[k + 1])) for k in rapid.tolist()),
         unknown=tuple((float(path.starts[k]), float(path.starts[k + 1])) for k in unknown.tolist()),
-        notes=tuple(
-            f"{line_words(*lines)}: where the axes are is not known; nothing is drawn, and no number is given"
-            for lines in unknown_lines(original)
+        notes=(
+            *(
+                f"{line_words(*lines)}: where the axes are is not known; nothing is drawn, and no number is given"
+                for lines in unknown_lines(original)
+            ),
+            *(
+                f"{lines}: the contour is drawn; the tool goes beside it by its radius"
+                for lines in CutterContours(original).lines()
+            ),
         ),
     )
 
