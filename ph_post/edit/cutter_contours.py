@@ -145,10 +145,7 @@ class CutterContours:
         places = np.stack([motions.start[first : last + 2, :2], motions.end[first : last + 2, :2]])
         if np.isnan(places).any() or (places[0] == places[1]).all(axis=1)[[0, -1]].any():
             return "where it begins and ends is not known"
-        begin = int(motions.block[first])
-        while begin > 0 and _side(program.modal_after(begin - 1).compensation) != 0:
-            begin -= 1
-        rows = program.words.rows(begin, int(motions.block[last + 1]) + 1)
+        rows = program.words.rows(self._line_of(first), int(motions.block[last + 1]) + 1)
         letter, value = program.words.letter[rows], program.words.value[rows]
         known = np.isin(letter, list(_LETTERS)) & ~((letter == ord("G")) & ~np.isin(value, _CODES))
         return "" if known.all() else "it holds other words than of its moves"
@@ -172,17 +169,21 @@ class CutterContours:
         """Return whether a place is where no block may be added: from where the tool comes on to where it has left."""
         at = self.number[motion]
         if at >= 0:
-            alone = int(self._program.motions.block[motion]) != self._line_of(self.contours[at])
+            alone = int(self._program.motions.block[motion]) != self._line_of(self.contours[at].first)
             return not (motion == self.contours[at].first and share == 0.0 and not alone)
         behind_last = motion > 0 and self.number[motion - 1] >= 0
         return bool(behind_last and share < 1.0)
 
-    def _line_of(self, contour: CutterContour) -> int:
-        """Return the line of the G41 or G42, or of the first of several that set nothing else."""
-        begin = int(self._program.motions.block[contour.first])
+    def _line_of(self, first: int) -> int:
+        """Return the line of the G41 or G42 of a contour's first motion, or of the first of several."""
+        begin = int(self._program.motions.block[first])
         while begin > 0 and _side(self._program.modal_after(begin - 1).compensation) != 0:
             begin -= 1
         return begin
+
+    def left(self) -> dict[int, str]:
+        """Return why contours are left as they are, whatever the plan, by number."""
+        return {n: one.why for n, one in enumerate(self.contours) if one.why}
 
     def refused(
         self,
@@ -192,7 +193,7 @@ class CutterContours:
         sides: Mapping[str, tuple[float, float]],
     ) -> tuple[dict[int, str], dict[int, float]]:
         """Judge a plan: why contours cannot have it, and up to which radius [m] the others can, by number."""
-        why = {n: one.why for n, one in enumerate(self.contours) if one.why}
+        why = self.left()
         for stop in stops:
             if self._within(stop.motion, stop.share):
                 why.setdefault(self._near(stop.motion), _TURNS)

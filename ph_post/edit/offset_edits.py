@@ -82,7 +82,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     open_ = _open_sections(program, blocked, options.left)
     runs, unmarked = beam.runs(), frozenset[int]()
     contours = CutterContours(program)
-    refused = {n: one.why for n, one in enumerate(contours.contours) if one.why}
+    refused = contours.left()
     for number in range(BEAM_ROUNDS + len(contours.contours)):
         left = sorted([*(runs[run] for run in unmarked), *contours.spans(refused)])
         search = ReversalSearch(program, machine, dialect, amplitude, sides, open_, options, left)

@@ -301,9 +301,9 @@ def head_line(program: PartProgram) -> int:
 
     A byte order mark stays the first of all.
     """
-    line, first = 0, program.text(0)
-    if program.begin_line is not None:
-        line = program.begin_line + 1
+    line, first, begins = 0, program.text(0), program.begin_line
+    if begins is not None:
+        line = begins + 1
     elif first.startswith(codecs.BOM_UTF8) or first.strip().startswith(b"%"):
         line = 1
     if line < program.blocks and _O_NUMBER.match(program.text(line).rstrip()):
