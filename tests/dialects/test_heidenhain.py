@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.in_place import ISO
 
+from ph_post.dialects.heidenhain.iso import why_iso_stays
 from ph_post.dialects.reading import read_as
 from ph_post.edit.preconditions import why_not_editable
 from ph_post.gcode.program import ARC
@@ -353,3 +354,14 @@ def test_a_jump_to_a_label_without_a_blank_is_a_jump() -> None:
     assert [(note.first, note.last, note.what) for note in program.notes] == [
         (2, 4, "part that is jumped over or back to")
     ]
+
+
+@pytest.mark.parametrize("block", ["L X+10 \x85R0", "L X+10\xa0R0", "L X+1\uff11 R0"])
+def test_blanks_and_digits_that_no_control_knows_are_not_read_as_its_own(block: str) -> None:
+    program = klartext("L X+0 Y+0 R0 F500", block, "L X+20 Y+5")
+    assert [note.first for note in program.notes] == [2]
+
+
+def test_lines_of_an_iso_program_are_counted_as_everywhere_else() -> None:
+    blocks = "%A G71 *\nN10 G01 X+1 F500 ; a\x0bb\x85c *\nN20 G91 X+5 *\n"
+    assert why_iso_stays(blocks.encode()) == "line 3 counts in increments (G91)"

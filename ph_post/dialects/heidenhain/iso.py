@@ -89,8 +89,8 @@ def why_iso_stays(data: bytes) -> str:
     >>> why_iso_stays(b"%A G71 *\nN10 G91 X+5 *\n")
     'line 2 counts in increments (G91)'
     """
-    for number, text in enumerate(data.decode("latin-1").splitlines(), 1):
-        block = _Block(_plain(text.upper()))
+    for number, line in enumerate(data.splitlines(), 1):
+        block = _Block(_plain(line.upper().decode("latin-1")))
         if 91 in block.codes:
             return f"line {number} counts in increments (G91)"
         letters = {letter for letter, _ in block.words}

@@ -56,6 +56,9 @@ _MOVES: Final = re.compile(r"(?:^| )G[0-3] ")
 _FEED: Final = re.compile(rf"(?:L|C)[A-Z]?\b.*?(?<![A-Z])F\s*({NUMBER}|Q[LRS]?\d+)")
 """A feed in a block that moves, which stays in force whatever else is in it."""
 
+_FOREIGN: Final = re.compile(r"(?![^\W\d])[^\x00-\x7f]")
+"""Blanks, digits and signs that no control knows, and that are not taken for its own: all but letters, of names."""
+
 _STEP: Final[Mapping[str, Decimal]] = {"G21": Decimal("0.0001"), "G20": Decimal("0.00001")}
 """Ends that follow from angles are rounded to what a program can say: blocks behind them name the same places."""
 
@@ -426,7 +429,7 @@ class TncSource:
     def __init__(self, data: bytes, name: str, language: TncLanguage) -> None:
         self._data, self._name, self._lines, self._language = data, name, lines_of(data, name), language
         whole = (text_of(data, self._lines, number) for number in range(self._lines.size - 1))
-        self.texts = [language.plain(line.decode("utf-8", "replace").upper()) for line in whole]
+        self.texts = [language.plain(_FOREIGN.sub("\ufffd", line.upper().decode("utf-8", "replace"))) for line in whole]
 
     def head(self) -> tuple[int, re.Match[str]]:
         """Return the number of the line with which the program begins, and its match as a head.
