@@ -26,7 +26,7 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path as File
 from typing import Any, NamedTuple
@@ -83,6 +83,11 @@ PIECE = 0.05
 """Longest piece of a way [mm], and `NEAR` how many of them are looked at from a place."""
 
 NEAR = 12
+
+CLOSELY = 256
+"""Places that are looked at closely at a time, and [mm] what a distance is computed to."""
+
+ROUNDING = 1e-9
 
 BESIDE = 1e-3
 """Distance [mm] by which a place is nearer to a way in the air than to the path, where it is no cut."""
@@ -176,26 +181,26 @@ def _followed(job: RandomText, original: bytes, data: bytes) -> list[str]:
     meant, found = (played_places(job.dialect, _to_end(one)) for one in (job.plain.encode(), data))
     if meant is None or found is None:
         return ["no interpreter of the tests plays it"]
-    motor, path, air = (_dense(meant[0], rows) for rows in (np.ones_like(meant[1]), meant[1], ~meant[1]))
-    after, cuts = _dense(found[0], np.ones_like(found[1])), _dense(found[0], found[1])
+    path, air = (Way(_dense(meant[0], rows)) for rows in (meant[1], ~meant[1]))
     program = read_as(job.dialect, original, "part.nc")
-    own = _reader_places(program)
-    if path.size and own.size:
-        faults += _far("the reader's path", away(own, path), SAMPLED)
-        faults += [] if program.notes else _far("what the reader misses", away(path, own), SAMPLED)
-    if not path.size:
+    own = Way(_reader_places(program))
+    if len(path) and len(own):
+        faults += _far("the reader's path", path.farthest(own.ends), SAMPLED)
+        faults += [] if program.notes else _far("what the reader misses", own.farthest(path.ends), SAMPLED)
+    if not len(path):
         return faults
     text = data.decode("latin-1")
     shift = float(np.linalg.norm([float(size) for size in _OFFSET.findall(text)]))
     left = max(map(float, _WITHIN.findall(text)), default=0.0)
-    faults += _far("a motor", away(after, motor), TAKEN_UP + shift)
-    if not cuts.size:
+    motor, after = (Way(_dense(places, np.ones_like(cutting))) for places, cutting in (meant, found))
+    faults += _far("a motor", motor.farthest(after.ends), TAKEN_UP + shift)
+    if not len(_dense(*found)):
         return [*faults, "no cuts are left"]
-    faults += _far("what is not cut", away(path, after), shift + left + SAMPLED)
-    axes = axes_of(job.dialect, data)
+    faults += _far("what is not cut", after.farthest(path.ends), shift + left + SAMPLED)
+    axes, cutting = axes_of(job.dialect, data), [in_the_work(one, meant) for one in (meant, found)]
     for side in (-1.0, 1.0):
-        plain, led = (_table_away(one, meant, (path, air), side, axes) for one in (meant, found))
-        faults += _far("the table", led, float(plain.max(initial=0.0)) + left + SAMPLED)
+        plain, led = (_table_away(one, (path, air), side, axes) for one in cutting)
+        faults += _far("the table", led, plain + left + SAMPLED)
     return faults
 
 
@@ -233,40 +238,57 @@ def _reader_places(program: PartProgram) -> np.ndarray:
     return _pieces(points[rows], points[rows + 1])
 
 
-def away(pieces: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Distances [mm] of the ends of pieces from a way in pieces."""
-    points = pieces[:, 1]
-    near = cKDTree(path.mean(axis=1)).query(points, min(NEAR, len(path)))[1].reshape(len(points), -1)
-    begin, way = path[near, 0], path[near, 1] - path[near, 0]
-    square = np.maximum((way * way).sum(axis=-1), 1e-30)
-    share = np.clip(((points[:, None] - begin) * way).sum(axis=-1) / square, 0.0, 1.0)
-    return np.linalg.norm(begin + share[..., None] * way - points[:, None], axis=-1).min(axis=1)
+class Way:
+    """A way in `pieces` (n, 2, 3) [mm], from which places may be far."""
+
+    def __init__(self, pieces: np.ndarray) -> None:
+        self.pieces, self.ends = pieces, pieces[:, 1]
+        self.tree = cKDTree(pieces.mean(axis=1)) if len(pieces) else None
+
+    def __len__(self) -> int:
+        return len(self.pieces)
+
+    def away(self, points: np.ndarray, near: int = NEAR) -> np.ndarray:
+        """Distances [mm] of points from those pieces, `near` in number, of which the middles are nearest."""
+        assert self.tree is not None
+        rows = self.tree.query(points, min(near, len(self)))[1].reshape(len(points), -1)
+        begin, way = self.pieces[rows, 0], self.pieces[rows, 1] - self.pieces[rows, 0]
+        square = np.maximum((way * way).sum(axis=-1), 1e-30)
+        share = np.clip(((points[:, None] - begin) * way).sum(axis=-1) / square, 0.0, 1.0)
+        return np.linalg.norm(begin + share[..., None] * way - points[:, None], axis=-1).min(axis=1)
+
+    def farthest(self, points: np.ndarray, counts: Callable[[np.ndarray], np.ndarray] | None = None) -> float:
+        """Largest distance [mm] of points from the way, of those of whose numbers `counts` says that they count.
+
+        No point is farther than the piece whose middle is nearest: those are looked at closely, the farthest first,
+        that may be farther than what was found.
+        """
+        bound, worst = self.away(points, 1), 0.0
+        order = np.argsort(-bound)
+        for rows in np.split(order, range(CLOSELY, len(order), CLOSELY)):
+            if not rows.size or bound[rows[0]] <= worst + ROUNDING:
+                break
+            kept = rows if counts is None else rows[counts(rows)]
+            worst = max(worst, float(self.away(points[kept]).max(initial=0.0)))
+        return worst
 
 
-def _table_away(
-    played: tuple[np.ndarray, np.ndarray],
-    meant: tuple[np.ndarray, np.ndarray],
-    ways: tuple[np.ndarray, np.ndarray],
-    side: float,
-    axes: str,
-) -> np.ndarray:
-    """Distances [mm] of the table from the path where motors cut, and not where they take up backlash in the air.
+def _table_away(played: tuple[np.ndarray, np.ndarray], ways: tuple[Way, Way], side: float, axes: str) -> float:
+    """Largest distance [mm] of the table from the path where motors cut, and do not take up backlash in the air.
 
     `ways` are the path and what the original does in the air.
     """
-    (places, cutting), (path, air) = in_the_work(played, meant), ways
+    (places, cutting), (path, air) = played, ways
     rows = cutting & ~np.isnan(places).any(axis=1)
-    if air.size:
-        rows[rows] &= _off(places[rows], path) < _off(places[rows], air) + BESIDE
-    return _off(table_of(places, side, axes)[rows], path)
+    motor, table = places[rows], table_of(places, side, axes)[rows]
+
+    def in_the_cut(some: np.ndarray) -> np.ndarray:
+        return path.away(motor[some]) < air.away(motor[some]) + BESIDE
+
+    return path.farthest(table, in_the_cut if len(air) else None)
 
 
-def _off(points: np.ndarray, path: np.ndarray) -> np.ndarray:
-    return away(np.stack([points, points], axis=1), path)
-
-
-def _far(what: str, off: np.ndarray, least: float) -> list[str]:
-    worst = float(off.max(initial=0.0))
+def _far(what: str, worst: float, least: float) -> list[str]:
     return [f"{what} is {1e3 * worst:.1f} µm off, expected {1e3 * least:.1f}"] if worst > least else []
 
 

@@ -239,10 +239,11 @@ def in_the_work(made: Places, original: Places) -> Places:
     if not flat:
         kept &= motor[:, 2] < top - 2.0 * GAP
     ends = original[0][~original[1]]
-    near, nearest = cKDTree(ends).query(motor)
-    there = (near < TAKEN_UP) & (motor[:, 2] >= ends[nearest, 2] - SAME_HEIGHT)
-    for row in np.flatnonzero(cuts & ~np.append(False, cuts[:-1])).tolist():
-        behind = row + int(np.argmin(np.append(cuts[row:] & there[row:], False)))
+    near, nearest = cKDTree(ends).query(motor, distance_upper_bound=TAKEN_UP)
+    there = motor[:, 2] >= np.append(ends[:, 2], np.inf)[nearest] - SAME_HEIGHT
+    begins, ends_there = np.flatnonzero(cuts & ~np.append(False, cuts[:-1])), np.flatnonzero(~(cuts & there))
+    ends_there = np.append(ends_there, len(cuts))
+    for row, behind in zip(begins.tolist(), ends_there[np.searchsorted(ends_there, begins)].tolist(), strict=True):
         if flat and behind > row:
             behind = row + int(np.argmin(near[row:behind]))
         kept[row:behind] = False
