@@ -58,8 +58,8 @@ SEED = 1809
 MOST, LARGEST = 300, 20_000
 """Lines of a program that is damaged, and bytes of the largest of the corpus, at most."""
 
-PARTS = (0.03, 0.3, 0.6, 0.9)
-"""Parts of the lines that are damaged."""
+PARTS = (0.03, *3 * (0.3, 0.6, 0.9))
+"""Parts of the lines that are damaged: with few in a program most of the time goes into what is whole."""
 
 MACHINES = (*9 * ("stepper",), "router")
 

@@ -241,9 +241,9 @@ def in_the_work(made: Places, original: Places) -> Places:
     ends = original[0][~original[1]]
     near, nearest = cKDTree(ends).query(motor, distance_upper_bound=TAKEN_UP)
     there = motor[:, 2] >= np.append(ends[:, 2], np.inf)[nearest] - SAME_HEIGHT
-    begins, ends_there = np.flatnonzero(cuts & ~np.append(False, cuts[:-1])), np.flatnonzero(~(cuts & there))
-    ends_there = np.append(ends_there, len(cuts))
-    for row, behind in zip(begins.tolist(), ends_there[np.searchsorted(ends_there, begins)].tolist(), strict=True):
+    leaves = np.append(np.flatnonzero(~(cuts & there)), len(cuts))
+    for row in np.flatnonzero(cuts & ~np.append(False, cuts[:-1])).tolist():
+        behind = int(leaves[np.searchsorted(leaves, row)])
         if flat and behind > row:
             behind = row + int(np.argmin(near[row:behind]))
         kept[row:behind] = False
