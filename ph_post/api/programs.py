@@ -37,7 +37,7 @@ from ph_post.edit.cutter_contours import LEFT
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
 from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.preconditions import reckoned_feeds, require_tool, warn_reckoned
-from ph_post.edit.reversal_search import section_words
+from ph_post.edit.reversal_search import section_words, stretch_words
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.undo import original_of
 from ph_post.edit.window_plans import PlannedWindows, WindowPlan, edit_windows, plan_windows, shifts_axes
@@ -55,8 +55,14 @@ from ph_post.verify.verdict import Verdict
 from ph_post.verify.verify import verify
 from ph_post.version import package_version
 
+Places = tuple[tuple[int, int], ...]
+"""First and last motion of places in a program."""
+
 BOTH: Final = 2
 """Programs that are compared."""
+
+BESIDE: Final = 3
+"""Motions before and behind a change that does not pass the check which are left as they are with it."""
 
 _LINE: Final = re.compile(r":(\d+)(?::\d+)?$")
 
@@ -146,17 +152,16 @@ def _on_contours(program: PartProgram, machine: Machine, request: ProgramRequest
 
 def _verified(
     original: PartProgram, after: PartProgram, request: ProgramRequest, machine: Machine
-) -> tuple[Verdict | None, frozenset[int]]:
-    """Check a program; None where a controller would refuse one of its lines, with the section of that line."""
+) -> tuple[Verdict | None, Places]:
+    """Check a program; None where a controller would refuse one of its lines, with the place of that line."""
     try:
-        return verify(original, after, tolerance=request.edit.tolerance, machine=machine), frozenset()
+        return verify(original, after, tolerance=request.edit.tolerance, machine=machine), ()
     except InputError as error:
         place, origins = _LINE.search(error.where), line_origins(after, original)
         if place is None or origins is None or not 0 < int(place[1]) <= after.blocks:
             raise
-        low, _ = section_spans(original.motions)
-        motions = np.searchsorted(original.motions.block, np.int32(origins.first[int(place[1]) - 1]))
-        return None, frozenset({max(int(np.searchsorted(low, motions, side="right")) - 1, 0)})
+        motion = int(np.searchsorted(original.motions.block, np.int32(origins.first[int(place[1]) - 1])))
+        return None, ((motion, motion),)
 
 
 def _best_lead(
@@ -309,6 +314,7 @@ class _PlanSearch:
         self._kept: tuple[EditOptions, GuardFinding] | None = None
         self._over, self._further, self._enough = math.inf, 0, math.inf
         self._planned: set[float] = set()
+        self._parts: set[int] = set()
         self._largest, self._pace = 0.0, 1.0
 
     def run(self, options: EditOptions) -> CompensatedProgram:
@@ -336,8 +342,8 @@ class _PlanSearch:
             edits = _nothing_gained(original, edits, self._enough)
         return CompensatedProgram(before=original, after=original, edits=edits, windows=self._planner.windows)
 
-    def _written(self, edits: Edits) -> tuple[CompensatedProgram, frozenset[int]]:
-        """Write a plan, and check it: with no verdict the sections are known whose lines no controller would take."""
+    def _written(self, edits: Edits) -> tuple[CompensatedProgram, Places]:
+        """Write a plan, and check it: with no verdict the places are known whose lines no controller would take."""
         original, request, planner = self._original, self._request, self._planner
         self._progress("writing")
         declaration = _declaration(original, edits, planner.machine, planner.dialect, request)
@@ -362,7 +368,7 @@ class _PlanSearch:
         )
         return made, refused
 
-    def _judge(self, made: CompensatedProgram, refused: frozenset[int], options: EditOptions) -> EditOptions | None:
+    def _judge(self, made: CompensatedProgram, refused: Places, options: EditOptions) -> EditOptions | None:
         """Keep a plan that is good, and better than the one before it; return the options of another to be tried."""
         assert made.edits is not None
         assert made.motions is not None
@@ -402,18 +408,44 @@ class _PlanSearch:
             return None
         return otherwise(options, judged, self._request.edit.max_slowdown, self._over)
 
-    def _without_failed(self, made: CompensatedProgram, refused: frozenset[int], options: EditOptions) -> EditOptions:
-        """Leave what does not pass the check as it is."""
-        verdict = made.verdict
-        sections = refused if verdict is None else _failed_sections(self._original, made.after, verdict)
+    def _without_failed(self, made: CompensatedProgram, refused: Places, options: EditOptions) -> EditOptions:
+        """Leave what does not pass the check as it is: of a section first the motions about it, then all of it."""
+        original, verdict = self._original, made.verdict
+        places = refused if verdict is None else _failed_places(original, made.after, verdict)
+        stretches, sections = self._parted(places)
         failed = with_neighbours(sections, options.left, self._count) - options.left
-        if not failed and verdict is not None:
-            raise refusal(self._original.name, verdict)
-        failed = failed or frozenset(range(self._count)) - options.left
-        options = replace(options, left=options.left | failed)
-        where = section_words(self._original, options.left)
-        self._said = (f"not compensated in {where}: a change would not pass the check",)
+        if not failed and not stretches:
+            if verdict is not None:
+                raise refusal(original.name, verdict)
+            failed = frozenset(range(self._count)) - options.left
+        options = replace(options, left=options.left | failed, stretches=(*options.stretches, *stretches))
+        low, high = section_spans(original.motions)
+        left = [(int(low[n]), int(high[n])) for n in options.left]
+        left += [one for one in options.stretches if not any(a <= one[0] and one[1] <= b for a, b in left)]
+        self._said = (f"not compensated in {stretch_words(original, sorted(left))}: a change would not pass the check",)
         return options
+
+    def _parted(self, places: Places) -> tuple[Places, frozenset[int]]:
+        """Return the stretches about places, and the sections of which no more is left, or a part was left before."""
+        low, high = section_spans(self._original.motions)
+        numbers = np.searchsorted(low, np.array(places, dtype=np.int64).reshape(-1, 2), side="right") - 1
+        parts: dict[int, list[tuple[int, int]]] = {}
+        whole: set[int] = set()
+        for (first, last), (one, other) in zip(places, np.maximum(numbers, 0).tolist(), strict=True):
+            if one == other:
+                parts.setdefault(one, []).append((first - BESIDE, last + BESIDE + 1))
+            else:
+                whole.update(range(one, other + 1))
+        stretches = []
+        for number, found in parts.items():
+            begin, end = int(low[number]), int(high[number])
+            own = [(max(first, begin), min(last, end)) for first, last in dict.fromkeys(found)]
+            if number in self._parts or 2 * sum(last - first for first, last in own) > end - begin:
+                whole.add(number)
+            elif number not in whole:
+                stretches += own
+        self._parts.update(parts)
+        return tuple(stretches), frozenset(whole)
 
 
 def _declaration(
@@ -444,23 +476,22 @@ def _side_notes(options: EditOptions) -> tuple[str, ...]:
     return () if side is None else (f"the part is on the {side} of the path",)
 
 
-def _failed_sections(program: PartProgram, after: PartProgram, verdict: Verdict) -> frozenset[int]:
-    """Return the sections in which a checker found a failure, all where it lists but some of its failures.
+def _failed_places(program: PartProgram, after: PartProgram, verdict: Verdict) -> Places:
+    """Return the motions between which a checker found failures, the first and the last where it lists but some.
 
-    None are returned where a failure is not within the lines of a section: leaving any alone would not mend that. What
+    None are returned where a failure is not within the lines of a chain: leaving any alone would not mend that. What
     is counted over the whole program has no line: the lines are those of the other failures.
     """
     motions = program.motions
-    low, _ = section_spans(motions)
     origins = line_origins(after, program)
-    found: set[int] = set()
+    found: list[tuple[int, int]] = []
     for one in verdict.failures:
         if one.original is not None:
             first = end = one.original - 1
         elif one.compensated is None:
             continue
         elif origins is None:
-            return frozenset()
+            return ()
         else:
             first, end = int(origins.first[one.compensated - 1]), int(origins.end[one.compensated - 1])
             # What was only added stands between two lines.
@@ -468,9 +499,9 @@ def _failed_sections(program: PartProgram, after: PartProgram, verdict: Verdict)
         last = int(np.searchsorted(motions.block, first, side="right")) - 1
         behind = int(np.searchsorted(motions.block, end))
         if last >= 0 and behind < motions.block.size and motions.chain[last] == motions.chain[behind]:
-            found.update((np.searchsorted(low, [last, behind], side="right") - 1).tolist())
+            found.append((last, behind))
         elif one.original is not None:
-            return frozenset()
+            return ()
         elif last >= 0:
-            found.add(int(np.searchsorted(low, last, side="right")) - 1)
-    return frozenset(range(low.size) if verdict.found > len(verdict.failures) else found)
+            found.append((last, last))
+    return ((0, motions.kind.size - 1),) if verdict.found > len(verdict.failures) else tuple(dict.fromkeys(found))

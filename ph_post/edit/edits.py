@@ -238,6 +238,8 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         Longest block in ramps and dips.
     left : frozenset of int
         Sections in which no axis gets an offset, see :func:`~ph_post.edit.reversals.section_spans`.
+    stretches : tuple of (int, int)
+        First motion, and the one behind the last, of parts of sections in which no axis gets an offset either.
     cycle : float
         Time of the program as its controller runs it [s], 0 where that is not known.
     pace : float
@@ -259,6 +261,7 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     chord_tolerance: float = CHORD_TOLERANCE
     block_time: float = BLOCK_TIME
     left: frozenset[int] = frozenset()
+    stretches: tuple[tuple[int, int], ...] = ()
     cycle: float = 0.0
     pace: float = 1.0
     largest_first: bool = False

@@ -84,7 +84,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     contours = CutterContours(program)
     refused = contours.left()
     for number in range(BEAM_ROUNDS + len(contours.contours)):
-        left = sorted([*(runs[run] for run in unmarked), *contours.spans(refused)])
+        left = sorted([*(runs[run] for run in unmarked), *contours.spans(refused), *options.stretches])
         search = ReversalSearch(program, machine, dialect, amplitude, sides, open_, options, left)
         afforded = affordable_reversals(search, options)
         changes = afforded.changes

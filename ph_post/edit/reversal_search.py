@@ -274,7 +274,7 @@ class ReversalSearch:
         for (name, why), sections in self._given_up.items():
             if not sections:
                 continue
-            where = _stretch_words(self.program, [(int(self.low[n]), int(self.high[n])) for n in sorted(sections)])
+            where = stretch_words(self.program, [(int(self.low[n]), int(self.high[n])) for n in sorted(sections)])
             found.append(f"axis {name} not compensated in {where}: {why}")
         return found
 
@@ -331,10 +331,11 @@ class ReversalSearch:
 def section_words(program: PartProgram, sections: Collection[int]) -> str:
     """Name the lines of sections for a warning, the first few stretches of them."""
     low, high = section_spans(program.motions)
-    return _stretch_words(program, [(int(low[n]), int(high[n])) for n in sorted(sections)])
+    return stretch_words(program, [(int(low[n]), int(high[n])) for n in sorted(sections)])
 
 
-def _stretch_words(program: PartProgram, stretches: Sequence[tuple[int, int]]) -> str:
+def stretch_words(program: PartProgram, stretches: Sequence[tuple[int, int]]) -> str:
+    """Name the lines of stretches, first motion and the one behind the last, for a warning."""
     joined: list[list[int]] = []
     for begin, end in stretches:
         if joined and joined[-1][1] == begin:

@@ -5,13 +5,16 @@ import pytest
 from msgspec.structs import replace
 from support.compensated import headed
 from support.corpus import stepper
+from support.corpus_judge import Judged, compare
 from support.editing import with_edits
 from support.random_cuts import random_cut
 
+from ph_post.api import programs
 from ph_post.api.compensated_program import NOTED, ProgramRequest
 from ph_post.api.compensation import compensate
 from ph_post.api.programs import compensate_program
 from ph_post.compensate.options import PlanOptions
+from ph_post.dialects.declaration import line_origins
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import EditOptions, Edits, StopEdit
 from ph_post.edit.undo import undo
@@ -19,6 +22,7 @@ from ph_post.errors import InputError
 from ph_post.gcode.paths import paths_of
 from ph_post.gcode.read import read_program
 from ph_post.units import MM
+from ph_post.verify.verdict import Failure, Verdict
 from ph_post.verify.verify import verify
 
 
@@ -223,3 +227,35 @@ def test_what_is_counted_over_a_whole_program_has_none_of_it_refused():
     made = delivered(text, request=asked(strategy="auto"))
     assert any("not compensated in line 2: a change would not pass the check" in one for one in made.edits.warnings)
     assert b"crossing" in made.after.data
+
+
+@pytest.mark.parametrize("lines", [1, 2])
+def test_one_change_that_does_not_pass_leaves_the_motions_about_it_alone(monkeypatch, lines):
+    """Of a zigzag of 60 strokes the checker refuses one or two: a table with play follows the rest."""
+    strokes = [f"G1 X{60.0 * (n % 2) + 0.3 * n:.1f} Y{2.0 * n:.1f} F1200" for n in range(1, 61)]
+    text = "\n".join(["G21 G90 G17", "G64 P0.01", "G0 X0 Y0 Z2", "G1 Z-1 F300", *strokes, "G0 Z2", "M2", ""])
+    refused, honest, tries = [20, 45][:lines], programs.verify, []
+
+    def strict(original, after, **named):
+        verdict = honest(original, after, **named)
+        tries.append(after.data)
+        origins = line_origins(after, original)
+        plain = {original.text(line - 1) for line in refused}
+        kept = {after.text(k) for k in range(after.blocks) if origins.end[k] - origins.first[k] == 1}
+        if plain <= kept:
+            return verdict
+        failures = [
+            Failure(kind="path", original=line, compensated=None, what="the way is another") for line in refused
+        ]
+        return Verdict(failures=tuple(failures), found=lines, checked=verdict.checked)
+
+    monkeypatch.setattr(programs, "verify", strict)
+    made = delivered(text, machine=stepper("linuxcnc"), request=asked(strategy="auto"))
+    assert len(tries) == 2
+    assert "would not pass the check" in " ".join(made.edits.warnings)
+    judged = compare(Judged("compensated"), "linuxcnc", text.encode(), made.after.data)
+    assert judged.shown >= 55
+    assert judged.followed >= judged.shown - 9 * lines
+    # Seven of the sixty strokes are as they were.
+    assert judged.rms[1] < 1.1 * np.sqrt(7.0 * lines / 60.0) * judged.rms[0]
+    assert honest(made.before, made.after, tolerance=5e-6).ok
