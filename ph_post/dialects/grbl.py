@@ -24,6 +24,9 @@ from ph_post.dialects.base import (
     Syntax,
     metric_opening,
 )
+from ph_post.dialects.printers import STILL
+from ph_post.gcode import codes
+from ph_post.gcode.program import Language
 from ph_post.types import ExactPath, GrblChords, GrblCorner, Machine
 from ph_post.units import MM, MM_PER_MIN, MS
 
@@ -51,6 +54,11 @@ PLANNER = ExactPath(
 """Grbl's planner, by its generic defaults."""
 
 
+REFUSING = Language(effects=dict.fromkeys(sorted(int(word[1:]) for word in STILL), codes.STAYS))
+"""Grbl refuses M words that it does not know (error 20), and builds that move a pen or a fan with them move no axis by
+those of printer firmware that move none there."""
+
+
 def status_reports(_machine: Machine, axes: Sequence[str], _seconds: float, name: str, _gauge: bool) -> list[str]:
     """Say that the controller's own reports of its positions are too few for a log."""
     commands = ", ".join(f"{axis}_cmd" for axis in axes)
@@ -74,6 +82,7 @@ DIALECT = Dialect(
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6, least_feed=PLANNER.least_feed / MM_PER_MIN),
     notices=Notices(arc_setting="$12"),
     recording=Recording(lines=status_reports),
+    language=REFUSING,
     planner=PLANNER,
 )
 """The Grbl dialect."""

@@ -25,7 +25,7 @@ from ph_post.dialects.base import (
     Syntax,
     metric_opening,
 )
-from ph_post.dialects.grbl import PLANNER, status_reports
+from ph_post.dialects.grbl import PLANNER, REFUSING, status_reports
 from ph_post.types import Array
 from ph_post.units import MM_PER_MIN
 
@@ -69,6 +69,7 @@ DIALECT = Dialect(
         own_compensation="the backlash settings of grblHAL ($160 on), where it was built with them,", arc_setting="$12"
     ),
     recording=Recording(lines=status_reports),
+    language=REFUSING,
     planner=replace(PLANNER, blocks=_PLANNER_BLOCKS - 2),
 )
 """The grblHAL dialect."""

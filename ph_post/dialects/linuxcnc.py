@@ -17,13 +17,19 @@ from ph_post.dialects.base import (
     Syntax,
     metric_opening,
 )
+from ph_post.gcode import codes
 from ph_post.gcode.numbers import decimal_text, to_counts
-from ph_post.gcode.program import AXES
+from ph_post.gcode.program import AXES, Language
 from ph_post.geometry.bernstein import basis
 from ph_post.types import Array, Machine
 
 _DECIMALS = 6
 """1 nm: below the resolution of any scale, and in the deepest dips still a small part of a block."""
+
+_USERS = [number for number in range(100, 200) if codes.M_EFFECT[number] != codes.STAYS]
+"""M words that run a file of that name while the machine waits, and can be given no other meaning; the interpreter goes
+on from the place where it was ("M-Codes", M100-M199; "Remap: Extending G-Code"). What the file does to the machine,
+as to turn an axis back by an offset from outside, nobody knows."""
 
 _SPANS = 16
 """LinuxCNC plays a G5 as 16 pairs of arcs at equal steps of the parameter (its emccanon.cc)."""
@@ -173,5 +179,6 @@ DIALECT = Dialect(
         own_compensation="BACKLASH in LinuxCNC's ini file", own_tables="BACKLASH and COMP_FILE in the ini file"
     ),
     recording=Recording(lines=halsampler_lines, ending=".txt", has_command=True),
+    language=Language(effects=dict.fromkeys(_USERS, codes.RUNS)),
 )
 """The LinuxCNC dialect."""

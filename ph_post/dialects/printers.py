@@ -1,8 +1,9 @@
 """Read programs for printer firmware: words of slicers beside those that move.
 
-Printer firmware takes one command a line. E words drive the extruder, which is no part of the path: they are
-skipped, and moves that have them are not divided. Commands that neither move nor change a mode, by the
-firmware's documents, are skipped too; all others may move: no position is known after them.
+Printer firmware takes one command a line; where a line has several, some obeys the first and some all of them.
+E words drive the extruder, which is no part of the path: they are skipped, and moves that have them are not
+divided. Commands that neither move nor change a mode, by the firmware's documents, are skipped too; all others
+may move: no position is known after them.
 """
 
 from __future__ import annotations
@@ -12,12 +13,18 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
+from ph_post.gcode.lexer import DOUBTED
+
 _LINE: Final = re.compile(rb"[^\r\n]+")
-_COMMAND: Final = re.compile(rb"[ \t]*(?:[Nn]\d+[ \t]*)?([GMTgmt])[ \t]*(\d+(?:\.\d+)?)(?![\w.])")
+_COMMAND: Final = re.compile(
+    rb"[ \t]*(?:[Nn]\d+[ \t]*)?([GMTgmt])[ \t]*(\d+(?:\.\d+)?)(?![\d.])(?=\W|$|[A-Za-z][ \t]*[-+]?[\d.])"
+)
 _NAME: Final = re.compile(rb"[ \t]*([A-Za-z_][A-Za-z0-9_]*)")
 _EXTRUDED: Final = re.compile(rb"[Ee][ \t]*[-+]?[0-9.]*")
 _MOVE: Final = re.compile(rb"(?:[ \t]*[A-Za-z][ \t]*[-+]?(?:\d+\.?\d*|\.\d+))*[ \t]*(?:\*\d+[ \t]*)?")
 _SECOND: Final = re.compile(rb"[GMTgmt][ \t]*\d")
+_SETS: Final = re.compile(rb"F|G[ \t]*0*(?:2[01]|9[0-2])(?!\d)")
+_BLANKS: Final = re.compile(rb"[ \t]+")
 
 _PLAIN_COMMENT: Final = re.compile(rb"^[ \t]*\([^()]*\)[ \t]*$|\([^()A-Z]*\)[ \t]*$")
 """Text in parentheses that Marlin skips, built with PAREN_COMMENTS or without (parser.cpp): no command begins with one,
@@ -30,7 +37,7 @@ _STOPS: Final = frozenset((b"M0", b"M1", b"M3", b"M4", b"M5", b"M7", b"M8", b"M9
 
 STILL: Final = frozenset(
     b"M17 M20 M21 M27 M31 M42 M73 M75 M77 M82 M83 M104 M105 M106 M107 M108 M109 M110 M113 M114 M115 M117 M118"
-    b" M119 M140 M141 M150 M154 M155 M190 M191 M201 M203 M204 M205 M207 M208 M221 M300 M301 M302 M304 M400"
+    b" M119 M140 M141 M150 M154 M155 M190 M191 M201 M203 M204 M205 M207 M208 M221 M280 M300 M301 M302 M304 M400"
     b" M413 M425 M486 M500 M501 M503 M555 M569 M572 M592 M593 M900 M907".split()
 )
 """Commands that neither move nor change where coordinates are or at which feed they are gone to:
@@ -78,7 +85,7 @@ def _hidden(line: bytes, still: frozenset[bytes], arcs: bytes, foreign: bytes, *
         return (b" " * len(code) if quiet else _marked(code, foreign)) + mark + comment
     word = found[1].upper() + (found[2].lstrip(b"0") or b"0")
     if not small and word in _READ and code != code.upper():
-        return _marked(code, b"$@") + mark + comment
+        return _doubted(code) + mark + comment
     return _command(code, word, found.end(), arcs) + mark + comment
 
 
@@ -94,8 +101,10 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
     if word in _STOPS or word == b"G28":
         kept = word in _STOPS and _MOVE.fullmatch(rest)
         return code[:end] + (rest if kept else b" " * len(rest))
-    if word not in _READ or _SECOND.search(rest):
-        return _marked(code, b"$@" if word not in _READ else b"$")
+    if word not in _READ:
+        return _marked(code, b"$@")
+    if _SECOND.search(rest):
+        return _doubted(code)
     plain = _EXTRUDED.sub(lambda one: b" " * len(one[0]), rest)
     foreign = word in (b"G2", b"G3") and _letters(rest) - set(arcs)
     return code[:end] + plain if _MOVE.fullmatch(plain) and not foreign else _marked(code, b"$@")
@@ -124,6 +133,14 @@ def _says_nothing(word: bytes, rest: bytes) -> bool:
 def _letters(rest: bytes) -> set[int]:
     """Letters of parameters, in capitals."""
     return {letter for letter in rest.upper() if 65 <= letter <= 90}
+
+
+def _doubted(code: bytes) -> bytes:
+    """Return a line that may be obeyed or not, as long as the text, or what one does to the modes at worst."""
+    words = bytes([DOUBTED]) + _BLANKS.sub(b"", _EXTRUDED.sub(b"", code))
+    if len(words) <= len(code) and b"(" not in code:
+        return words.ljust(len(code))
+    return _marked(code, b"$ " if _SETS.search(code.upper()) else b"$@")
 
 
 def _marked(code: bytes, mark: bytes) -> bytes:

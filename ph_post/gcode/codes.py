@@ -96,7 +96,8 @@ TOOL_CHANGE, PROBE, HOME, MACHINE, FRAME_CHANGE, END, LENGTH_CHANGE = 1, 2, 4, 8
     STAYING_G,
     STAYING_M,
     ROTARY_PAIR,
-) = range(1, 28)
+    USER_M,
+) = range(1, 29)
 """Why a block is not understood."""
 
 FAULT, QUIET = 100, 200
@@ -188,8 +189,9 @@ FRAMES = np.array(
 (G51), mirrored (G51.1), turned (G68), a plane about a rotary axis (G12.1), tilted (G68.2 to G68.4), held at the
 tip of the tool while rotary axes turn (G43.4, G43.5, up to G49)."""
 
-STAYS, CALLS = 1, 2
-"""Effects of words that are not of RS274/NGC: on neither axes nor modes; on any of them, as a subprogram has."""
+STAYS, CALLS, RUNS = 1, 2, 3
+"""Effects of words that are not of RS274/NGC: on neither axes nor modes; on any of them, as a subprogram has; what a
+program beside the controller does, which moves no axis to another place of the part program's."""
 
 G_EFFECT, M_EFFECT = np.zeros(1000, np.int8), np.zeros(1000, np.int8)
 """Effects of G words, by ten times their number, and of M words; of the others (0) on the axes.

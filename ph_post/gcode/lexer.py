@@ -14,8 +14,11 @@ from ph_post.compiling import compiled, inner
 PARAMETER, EXPRESSION, O_WORD, POLAR, DELETE, OTHER, SYSTEM, KEEPS = 1, 2, 4, 8, 16, 32, 64, 128
 """What stands on a line beside plain words: bits of its trait. `OTHER`: a word with a comma or a dollar sign,
 or a number that is too long to be kept exactly; `SYSTEM`: a line for the controller itself, which begins
-with ``$``, and beside that `KEEPS`: it leaves all modes as they are (``$@``), or `OTHER`: nobody knows what it does
-(nothing stands behind the ``$``)."""
+with ``$``, and beside that `KEEPS`: it leaves all modes as they are (``$@``), `OTHER`: nobody knows what it does
+(nothing stands behind the ``$``), or `DELETE`: whether it obeys the words behind a :data:`DOUBTED`."""
+
+DOUBTED = 1
+"""Byte with which readers begin a line of words that the controller may obey or not."""
 
 (
     NO_NUMBER,
@@ -327,6 +330,8 @@ def _read_line(data: Any, first: Any, end: Any, row: int, block: int, out: Any) 
         elif data[i] == 36 and row == begin:
             behind = data[i + 1] if i + 1 < end else 32
             i, found, why = end, SYSTEM | (KEEPS if behind == 64 else OTHER if behind == 32 else 0), 0
+        elif data[i] == DOUBTED and row == begin:
+            i, found, why = i + 1, SYSTEM | DELETE, 0
         else:
             i, found, why = _skip_other(data, i, end, row == begin and fault == 0)
             named = named or found != 0

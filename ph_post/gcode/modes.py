@@ -46,7 +46,6 @@ from ph_post.gcode.codes import (
     LETTER_Q,
     LETTER_S,
     LETTER_T,
-    M_EFFECT,
     M_GROUP,
     MIST,
     MODES,
@@ -62,6 +61,7 @@ from ph_post.gcode.codes import (
     POLAR,
     PREPARED,
     QUIET,
+    RUNS,
     SAVED_STATE,
     SPEED,
     SPINDLE,
@@ -80,6 +80,7 @@ from ph_post.gcode.codes import (
     UNKNOWN,
     UNKNOWN_G,
     UNKNOWN_M,
+    USER_M,
 )
 
 
@@ -170,8 +171,11 @@ def _setting(group: int, code: int) -> Any:
 
 
 @inner
-def _apply_m(value: Any, codes: Any, count: int, values: Any, present: int, state: Any) -> Any:
-    """Set the groups of a block's M words: why it is not understood, its breaks, its fault, and the word."""
+def _apply_m(value: Any, effects: Any, codes: Any, count: int, values: Any, present: int, state: Any) -> Any:
+    """Set the groups of a block's M words: why it is not understood, its breaks, its fault, and the word.
+
+    `effects` (1000,) are those of M words that are not of RS274/NGC.
+    """
     why, mark, seen, coolant, fault, place = 0, 0, 0, 0, 0, -1
     for k in range(count):
         word = codes[1, k]
@@ -185,10 +189,11 @@ def _apply_m(value: Any, codes: Any, count: int, values: Any, present: int, stat
             _unset_m(group, state)
             continue
         if group < 0:
-            effect = M_EFFECT[code]
+            effect = effects[code]
             found = STAYING_M if effect == STAYS else SUBPROGRAM if effect == CALLS or code in (98, 99) else UNKNOWN_M
-            found = SAVED_STATE if code in (72, 73) else found
-            why = found if why in (0, STAYING_M) or found == SUBPROGRAM else why
+            found = SAVED_STATE if code in (72, 73) else USER_M if effect == RUNS else found
+            milder = why in (0, STAYING_M) or (why == USER_M and found != STAYING_M)
+            why = found if milder or found == SUBPROGRAM else why
             continue
         seen |= 1 << group
         coolant = int(code) if group == 8 else coolant
@@ -270,13 +275,13 @@ def _apply_words(words: Any, low: int, high: int, state: Any, before: Any, room:
 
     Returns its breaks, why it is not understood, the letters whose values are computed, its fault and the word.
     """
-    letter, value = words
+    letter, value, effects = words
     values, where, codes, given = room
     present, g, m, computed, twice = _gather(letter, value, low, high, values, where, codes)
     for group in range(given.size):
         given[group] = -1
     odd, fault, word = _apply_g(value, codes, g, state, given)
-    why, mark, other, place = _apply_m(value, codes, m, values, present, state)
+    why, mark, other, place = _apply_m(value, effects, codes, m, values, present, state)
     fault, word = (fault, word) if fault else (other, place)
     if twice >= 0:
         fault, word = TWICE, twice
@@ -336,12 +341,12 @@ def _run_block(
     """Carry out one block on the state: breaks, why not understood, its fault, the word.
 
     A block with a fault may be carried out or not; `fault` is one of its text. A line for the controller itself keeps
-    the modes, resets them to what they were at first, or does what nobody knows.
+    the modes, resets them to what they were at first, does what nobody knows, or carries out its words or not.
     """
     mark, why, computed, found, word = _apply_words(words, low, high, state, before, room)
     fault = fault or found
     why = _line_reason(trait, computed, why)
-    if why == DELETED or fault:
+    if why == DELETED or fault or trait & (lexer.SYSTEM | lexer.DELETE) == lexer.SYSTEM | lexer.DELETE:
         _forget_modes(state, before, False, fixed)
         mark = 0
         if not fault or not computed & ((1 << LETTER_G) | (1 << LETTER_M)):
@@ -443,14 +448,14 @@ def _forget_columns(state: Any, mask: int) -> None:
 def resolve_modes(words: Any, traits: Any, stretches: Any, end: int, columns: Any, fixed: Any) -> Any:
     """Find the modal state after each block, and of each what decides on what it does.
 
-    `words` are the columns block, letter and value; `stretches` (k, 3) first and last line of what lies under
-    O-words and the groups that it sets, a bit a column of the state; `fixed` the state that no line of the
-    language changes, NaN where it does, and whether F is known at first. `columns` to fill, each (n,): state,
+    `words` are the columns block, letter and value, and the effects of M words; `stretches` (k, 3) first and last line
+    of what lies under O-words and the groups that it sets, a bit a column of the state; `fixed` the state that no line
+    of the language changes, NaN where it does, and whether F is known at first. `columns` to fill, each (n,): state,
     F, the motion in force, word of group 0, flags, breaks, why not understood, and the word with a fault of its
     own, as -2 - number (-1: none); the faults of the text stand there before. Returns the block at which it ended,
     and the distinct states.
     """
-    blocks, letter, value = words
+    blocks, letter, value, effects = words
     states, feeds, motions, zeros, flags, marks, whys, spots = columns
     state, table, slots = _begin()
     state[FEED_KNOWN] = fixed[FEED_KNOWN]
@@ -469,7 +474,7 @@ def resolve_modes(words: Any, traits: Any, stretches: Any, end: int, columns: An
         elif high > low or traits[block]:
             for column in range(STATE):
                 before[column] = state[column]
-            parts = (letter, value)
+            parts = (letter, value, effects)
             own = int(was) if FAULT < was < QUIET else 0
             marks[block], why, fault, word = _run_block(
                 parts, low, high, traits[block], state, before, room, fixed, first, own

@@ -95,6 +95,7 @@ from ph_post.gcode.codes import (
     UNKNOWN,
     UNSURE_MODE,
     UNUSED_WORD,
+    USER_M,
     ZERO_FEED,
 )
 
@@ -562,7 +563,7 @@ def choose_tasks(  # noqa: C901, PLR0912
         while high < blocks.size and blocks[high] == block:
             high += 1
         first, low = low, high
-        stays = whys[block] in (STAYING_G, STAYING_M)
+        stays = whys[block] in (STAYING_G, STAYING_M, USER_M)
         if 0 < whys[block] < QUIET and not stays:
             tasks[block] = FORGET
         elif high > first or traits[block]:

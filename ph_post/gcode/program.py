@@ -91,6 +91,8 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         Whether an axis that turns may go to its place (G90) by the shorter way round.
     contours : bool
         Whether motions with cutter compensation are read as contours, and not passed through: see :meth:`contoured`.
+    effects : mapping of int to int
+        Effects of M words, by number, that are others than :data:`~ph_post.gcode.codes.M_EFFECT` has.
     """
 
     name: str = ""
@@ -114,6 +116,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     further: str = "ABCUVW"
     shortest: bool = False
     contours: bool = False
+    effects: Mapping[int, int] = {}
 
     def contoured(self) -> Language:
         """Return the same language, in which what is cut with cutter compensation moves as its contours say."""
@@ -123,6 +126,12 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     def hidden(self, data: bytes) -> bytes:
         """Return a program's text as the reader of RS274/NGC is to have it."""
         return data if self.hide is None else self.hide(data)
+
+    def m_effect(self) -> NDArray[np.int8]:
+        """Return the effects of M words by number, shape (1000,)."""
+        found = codes.M_EFFECT.copy()
+        found[list(self.effects)] = list(self.effects.values())
+        return found
 
     def start(self) -> Array:
         """Return the state that no line changes, shape (STATE,), NaN where lines do, with the state of F at first."""

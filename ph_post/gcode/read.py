@@ -59,6 +59,7 @@ _TEXTS: Final = {
     codes.FURTHER_AXIS: "axis other than X, Y and Z",
     codes.UNKNOWN_G: "unknown G word",
     codes.UNKNOWN_M: "unknown M word",
+    codes.USER_M: "M word of a program of the machine's own",
     codes.DELETED: "block delete",
     codes.SUBPROGRAM: "subprogram",
     codes.ARC_FROM_NOWHERE: "arc from an unknown position",
@@ -162,7 +163,7 @@ def _is_meant(letter: str, value: float, why: int) -> bool:
         return letter == "G" and not (known and abs(10.0 * value - round(10.0 * value)) < 1e-6)
     if why == codes.SUBPROGRAM and letter == "G":
         return 0.0 <= value < 99.9 and codes.G_EFFECT[round(10 * value)] == codes.CALLS
-    if why in (codes.UNKNOWN_M, codes.STAYING_M, codes.SUBPROGRAM, codes.SAVED_STATE):
+    if why in (codes.UNKNOWN_M, codes.USER_M, codes.STAYING_M, codes.SUBPROGRAM, codes.SAVED_STATE):
         return letter == "M" and not (value in range(codes.M_GROUP.size) and codes.M_GROUP[int(value)] >= 0)
     return letter in _LETTERS.get(why, "")
 
@@ -319,7 +320,8 @@ def _resolve(lexed: Lexed, data: bytes, language: Language) -> _Blocks:
     columns = (states, feeds, motions, zeros, flags, marks, lexed.whys, lexed.spots)
     text = (lexed.words.block, lexed.words.letter, lexed.words.value)
     stretches = find_stretches(lexed, data)
-    stop, table = resolve_modes(text, lexed.traits, stretches, lexed.end, columns, language.start())
+    parts = (*text, language.m_effect())
+    stop, table = resolve_modes(parts, lexed.traits, stretches, lexed.end, columns, language.start())
     last = stop + 1 if stop < lexed.end else stop
     if 0 < last < count:
         states[last:], feeds[last:] = states[last - 1], feeds[last - 1]

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from support.corpus import compensated, stepper
+from support.corpus_judge import Judged, compare
 from support.editing import ENOUGH, compensate
 from support.firmware import travel
 
@@ -70,7 +72,10 @@ BOTH = [
     ("G11", ""),
     ("G10 S1", ""),
     ("G10 L2 P1 X5", "$@"),
-    ("G90 G1 X5", "$"),
+    ("G90 G1 X5", "\x01G90G1X5"),
+    ("G90G1X5", "$"),
+    ("G1X5M106", "$@"),
+    ("G1X5F600", "G1X5F600"),
     ("G4", ""),
     ("G4 P250", "G4 P250"),
     ("G2 X1 Y1 I1 J0 P1", "$@"),
@@ -93,9 +98,10 @@ def test_a_line_of_printer_firmware(line: str, expected: str, dialect: str) -> N
         ("TIMELAPSE_TAKE_FRAME", "$@", "$"),
         ("G2 X1 Y1 R5", "G2 X1 Y1 R5", "$@"),
         ("X5 Y5", "$@", "$"),
-        ("g1 x5", "$@", "g1 x5"),
+        ("G28_ALL", "$@", "$"),
+        ("g1 x5", "\x01g1x5", "g1 x5"),
         ("(G1 X5)", "", "$"),
-        ("G4 P150 (wait 150ms)", "G4 P150", "$"),
+        ("G4 P150 (wait 150ms)", "G4 P150", "$@"),
         ("G1 X5 (up to Y7)", "$@", "$@"),
         ("(go) G1 X5", "$@", "$"),
     ],
@@ -116,6 +122,44 @@ def test_a_tool_change_forgets_the_place_and_keeps_the_modes() -> None:
     assert [one.kind for one in program.breaks] == ["beginning", "not understood", "end"]
     assert np.isnan(program.motions.end[1, 0])
     assert not program.modal_after(3).absolute
+
+
+@pytest.mark.parametrize("dialect", PRINTERS)
+def test_of_two_commands_in_a_line_the_second_may_be_obeyed_or_not(dialect: str) -> None:
+    program = read("G21\nG90\nG1 X0 Y0 F600\nG91 G0 Z8 F300\nG1 X5\nG1 X-3\nG90\nG1 X10\nG1 X20 F900\n", dialect)
+    named = [note.what for note in program.notes]
+    assert named[0] == "line for the controller itself: G91 G0 Z8 F300"
+    assert named[1].startswith("motion under modes")
+    assert program.motions.block.tolist() == [2, 7, 8]
+    assert (program.motions.end[1:, 0] / MM).tolist() == pytest.approx([10.0, 20.0])
+    assert np.isnan(program.motions.start[1, :2]).all()
+    assert np.isnan(program.motions.feed[1])
+
+
+def test_what_says_again_what_is_in_force_changes_no_mode() -> None:
+    program = read("G21\nG90 G21\nG1 X0 Y0 F600\nG1 X10\n")
+    assert (program.motions.end[:, 0] / MM).tolist() == pytest.approx([0.0, 10.0])
+
+
+@pytest.mark.parametrize(
+    ("dialect", "head", "before"),
+    [
+        ("marlin", "G21\nG91 G0 F300.0 Z8.000\nG90\nG28 X\nG28 Y\nG28 Z", ""),
+        ("grbl", "G21\nG90\nM300 S50 (pen up)\nG4 P0.15", "M300 S30 (pen down)\nG4 P0.15\n"),
+        ("grblhal", "G21\nG90\nM280 P0 S50", "M280 P0 S30\n"),
+    ],
+)
+def test_a_table_with_play_follows_a_plotters_program(dialect: str, head: str, before: str) -> None:
+    """Squares and a saw, as makers of plotters write them; both controllers' readings of the head come to one path."""
+    cuts = [
+        f"G1 X{x} Y{y} F1500" for x, y in ((30, 0), (30, 20), (5, 20), (5, 5), (40, 5), (20, 30), (60, 35), (0, 40))
+    ]
+    text = "\n".join([head, "G0 X0 Y0 F1500", "G0 Z0 F300", before + cuts[0], *cuts[1:], ""])
+    made = compensated(read(text, dialect), stepper(dialect), find_dialect(dialect))
+    judged = compare(Judged("compensated"), dialect, text.encode(), made)
+    assert judged.shown >= 4
+    assert judged.followed == judged.shown
+    assert 5.0 * judged.rms[1] < judged.rms[0]
 
 
 @pytest.mark.parametrize("dialect", ["marlin", "klipper"])

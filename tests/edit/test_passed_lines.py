@@ -1,8 +1,11 @@
 """Programs with lines that are passed through: compensated around them, and every byte of them as it was."""
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 from support.corpus import compensated, stepper
+from support.corpus_judge import Judged, compare
+from support.reference_player import BEGINS, interpret
 
 from ph_post.dialects.reading import read_as
 from ph_post.dialects.registry import find_dialect
@@ -121,3 +124,32 @@ def test_motors_that_lag_are_left_alone_where_the_feed_is_not_known():
 def test_a_feed_mode_that_changes_between_a_rapid_and_its_cut_leaves_an_unknown_feed_alone():
     before = (CUTS.replace("G1 Z-1", "G95 F0.2\nG1 Z-1") + "M2\n").encode()
     assert compensated(read_program(before, "a.ngc"), MACHINE, LINUXCNC) == before
+
+
+@pytest.mark.parametrize(("word", "place"), [("M150 P3", True), ("M199", True), ("M212", False)])
+def test_a_program_beside_linuxcnc_leaves_the_place_known_and_the_side_not(word, place):
+    """M100 to M199 run a file; of other words a remap may move anything. No offset lasts through either."""
+    text = (
+        f"G21 G90 G17 F600\nG64 P0.01\nG0 X0 Y0 Z5\n{word}\nG1 Z-1\nG1 X20 Y0\nG3 X20 Y20 J10\nG1 X0\nG3 X0 Y0 J-10\n"
+    )
+    text += "G1 X20\nG0 Z5\nM2\n"
+    before = text.encode()
+    program = read_as("linuxcnc", before, "a.ngc")
+    assert [one.block + 1 for one in program.breaks if one.kind == "not understood"] == [4]
+    assert np.isnan(program.motions.start[1]).any() != place
+    after = compensated(program, MACHINE, LINUXCNC)
+    carried = interpret(after.decode().split(word)[0], BEGINS[0])[-1].end
+    assert carried == pytest.approx([0.0, 0.0, 5.0])
+    judged = compare(Judged("compensated"), "linuxcnc", before, after)
+    assert judged.shown >= 4
+    assert (judged.followed == judged.shown) == place
+    assert (5.0 * judged.rms[1] < judged.rms[0]) == place
+    hold_as("linuxcnc", before, after)
+
+
+def hold_as(dialect, before, after):
+    """As of :func:`hold`, read as of a dialect."""
+    one, other = read_as(dialect, before, "a.ngc"), read_as(dialect, after, "b.ngc")
+    assert verify(one, other, tolerance=5e-6, machine=MACHINE).failures == ()
+    assert undo(after, "b.ngc") == before
+    assert compensated(other, MACHINE, LINUXCNC) == after
