@@ -166,7 +166,10 @@ def _chains(motions: Motions) -> list[tuple[int, IntArray]]:
 
 
 def _known(program: PartProgram, rows: IntArray) -> tuple[IntArray, tuple[str, ...]]:
-    """Leave out the motions before the axes that move are all known."""
+    """Leave out the motions before the axes that move are all known, or those from where the last of them is.
+
+    A plotter's program may name Z at its end alone: the path is what it draws before.
+    """
     motions = program.motions
     start, end = motions.start[rows], motions.end[rows]
     moves = ~(start == end).all(axis=0) & ~np.isnan(end[-1])
@@ -175,6 +178,10 @@ def _known(program: PartProgram, rows: IntArray) -> tuple[IntArray, tuple[str, .
         return rows, ()
     first, last = motions.block[rows[[0, unknown[-1]]]].tolist()
     kept = rows[unknown[-1] + 1 :]
+    late = moves & np.isnan(start[unknown[-1]])
+    before = int(np.argmax(~np.isnan(end[:, late]).all(axis=1)))
+    if before > kept.size:
+        return _known(program, rows[:before])
     if (motions.kind[rows[: unknown[-1] + 1]] == RAPID).all():
         return kept, ()
     word = f"{line_words(first, last)}: where the axes are is not known yet: left out of the path"

@@ -14,6 +14,7 @@ from ph_post.analysis.turning_points import find_turning_points
 from ph_post.edit.window_plans import divide
 from ph_post.errors import InputError
 from ph_post.gcode.paths import ProgramPath, chains_without_feed, main_path, paths_of
+from ph_post.gcode.read import read_program
 from ph_post.geometry.track import Track
 from ph_post.types import Array
 
@@ -202,6 +203,16 @@ def test_cuts_from_an_unknown_place_are_named() -> None:
     path = path_of(tape)
     assert path.motion.tolist() == [1]
     assert path.warnings == ("line 1: where the axes are is not known yet: left out of the path",)
+
+
+@pytest.mark.parametrize("end", ["G0 Z5", "G0 X0 Y0 Z5", "G0 Z5\nG0 X0 Y0"])
+def test_an_axis_that_is_named_at_the_end_alone_leaves_the_path_before(end: str) -> None:
+    """A plotter that lifts its pen by another word; where Z stands while it draws nobody knows, and need not."""
+    text = "G21 G90\nG1 X0 Y0 F600\nG1 X10\nG1 Y5\nG1 X-4\nG1 Y0\n" + end + "\nM2\n"
+    (path,) = paths_of(read_program(text.encode(), "drawing.nc"))
+    assert path.motion.tolist() == [1, 2, 3, 4]
+    assert path.s[-1] / 1e-3 == pytest.approx(10.0 + 5.0 + 14.0 + 5.0)
+    assert set(path.path.axes) == {"X", "Y"}
 
 
 def test_an_unknown_feed_leaves_the_chain_out() -> None:
