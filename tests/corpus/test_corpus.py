@@ -113,7 +113,7 @@ def test_what_is_read_is_what_linuxcnc_reads(name):
 
 
 @jobs
-@pytest.mark.thinned(12, 3)
+@pytest.mark.thinned(12, 6)
 def test_the_compensated_program_is_judged_right(name, machine, strategy):
     program, output = programs(name, machine, strategy)
     verdict = verify(program, output, tolerance=TOLERANCE, machine=MACHINES[machine])

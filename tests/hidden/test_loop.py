@@ -148,7 +148,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def converted(folder: Path, machine: str) -> Table:
     table = folder / f"{machine}.csv"
-    run("convert", folder / "circle.json", "-m", folder / f"{machine}.toml", "--table", table, "--effort", 0.3)
+    run("convert", folder / "circle.json", "-m", folder / f"{machine}.toml", "--table", table, "--effort", 0.1)
     return read_table(table)
 
 

@@ -34,7 +34,7 @@ def off(found: Estimate, true: float) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("weight", "gap", "channels"), CASES)
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4, 4)
 def test_structure_gains_and_gap(weight: float, gap: float, channels: str) -> None:
     """What a free run leaves is the noise, though steps of the reference are 25 µs long."""
     drive = Drive(tn=12e-3, velocity=weight)

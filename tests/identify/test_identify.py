@@ -121,6 +121,7 @@ def test_no_gap_is_invented_and_its_bound_is_told() -> None:
     assert any("the log shows no backlash above" in note for note in found.sentences)
 
 
+@pytest.mark.slow
 def test_friction_is_not_taken_for_play() -> None:
     plant = Plant("load", 1.5e-4, 8e-3, effects=(Hidden("coulomb_friction", {"force": 2e-5}),))
     found = identify(record(plant, "act", "motor"), None, {"X": "load"})
@@ -215,6 +216,7 @@ def test_an_ideal_stepper_has_neither_b_nor_c() -> None:
     assert (found.machine.axes["X"].servo.b, found.machine.axes["X"].servo.c) == (0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_a_reading_that_leads_is_no_drive() -> None:
     short = Track().rest(0.1).move((0.004, 0.0), 0.04, 2.0).move((-0.004, 0.0), 0.04, 2.0).rest(0.1)
     log = record(MOTOR, "motor", track=short)

@@ -137,7 +137,7 @@ def test_a_motor_that_keeps_its_momentum_is_brought_across_the_gap(limited: bool
 
 
 @pytest.mark.parametrize("limited", [False, True])
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4, 4)
 def test_where_the_rule_is_open_none_of_them_is_made_worse(limited: bool) -> None:
     assert_never_worse(on_circle(None, limited), RULES)
 
