@@ -20,6 +20,7 @@ from ph_post.drive.plant import Plant, base_value, with_base_value
 from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, FITTED, NAMES, with_cascade_values
 from ph_post.identify.drive_fit import (
     EARNS,
+    LENGTHS,
     MAY_BE_NONE,
     BacklashVerdict,
     DriveFit,
@@ -51,6 +52,9 @@ RARE: Final = {
     "exponential": 2e-3,
 }
 """Fields that are fitted where too much is left without, and what they start from."""
+
+LIKELY: Final = 2
+"""How many of them are fitted: those that help most where all is straight."""
 
 MOST_RARE: Final = 2
 """Most of them."""
@@ -97,6 +101,9 @@ BETTER: Final = 0.35
 MUCH: Final = 0.7
 """Part of it that a cascade has to stay below, however little noise there is."""
 
+FRICTIONS: Final = (4e-6, 3e-5)
+"""Friction that is tried first, F/K [m], where a cascade without any leaves too much."""
+
 VAGUE: Final = 0.25
 """Relative standard error above which a number is not separate from others."""
 
@@ -137,18 +144,23 @@ def gains_of(plant: Plant) -> tuple[str, ...]:
     return tuple(name for name in GAINS if name != "integral_rate" or base_value(plant, name) > 0.0)
 
 
+def _tried(problem: AxisProblem) -> list[Plant]:
+    """Return cascades without backlash that are tried first, that of the file among them."""
+    bare = replace(problem.plant, gap=0.0, ki=0.0, kd=0.0)
+    tried = [_with_gains(bare, *one) for one in product(POSITION_GAINS, WEIGHTS, RATES)]
+    return tried if bare.cascade is None else [bare, *tried]
+
+
 def fit_cascade(problem: AxisProblem) -> DriveFit | None:
     """Fit a cascade without backlash to the fitted half of an axis; None where nothing that settles was found.
 
     Its velocity loop has T_n where that predicts the other half better.
     """
-    bare = replace(problem.plant, gap=0.0, ki=0.0, kd=0.0)
-    tried = [_with_gains(bare, *one) for one in product(POSITION_GAINS, WEIGHTS, RATES)]
-    if bare.cascade is not None:
-        tried.insert(0, bare)
+    tried = _tried(problem)
     tried.sort(key=lambda one: position_rms(problem, residuals(problem, one), problem.fit))
-    fits = [fit_drive(problem, one, gains_of(one), rounds=2) for one in tried[:STARTS]]
+    fits = [fit_drive(problem, one, gains_of(one), rounds=1) for one in tried[:STARTS]]
     base = min(fits, key=lambda one: position_rms(problem, one.left, problem.fit))
+    base = fit_drive(problem, base.plant, base.names, rounds=1)
     if base_value(base.plant, "integral_rate") > 0.0:
         plain = with_base_value(base.plant, "integral_rate", 0.0)
         simple = fit_drive(problem, plain, gains_of(plain), rounds=2)
@@ -163,15 +175,28 @@ def _with_rare(problem: AxisProblem, base: DriveFit) -> DriveFit:
     for _ in range(MOST_RARE):
         if _is_complete(problem, found):
             return found
-        tried = []
-        for name in (one for one in RARE if one not in found.names):
-            start = with_base_value(found.plant, name, base_value(found.plant, name) or RARE[name])
-            tried.append(fit_drive(problem, start, (*found.names, name), rounds=1))
+        starts = {
+            name: with_base_value(found.plant, name, base_value(found.plant, name) or RARE[name])
+            for name in RARE
+            if name not in found.names
+        }
+        likely = sorted(starts, key=lambda name: _left_beside(found, starts[name]))[:LIKELY]
+        tried = [fit_drive(problem, starts[name], (*found.names, name), rounds=1) for name in likely]
         best = max(tried, key=lambda one: held_out_gain(problem, one, found))
         if held_out_gain(problem, best, found) < EARNS:
             break
         found = best
     return found if _is_complete(problem, found) else base
+
+
+def _left_beside(found: DriveFit, other: Plant) -> float:
+    """Return the squares that a fit leaves if it goes towards another plant, and its numbers give way, along lines."""
+    weights = weights_of(found.problem, found.left, found.problem.fit)
+    here = weighted_residuals(found.problem, found.left, weights, found.problem.fit)
+    there = weighted_residuals(found.problem, residuals(found.problem, other), weights, found.problem.fit)
+    columns = np.column_stack([found.jacobian, there - here])
+    left = here - columns @ np.linalg.lstsq(columns, here, rcond=None)[0]
+    return float(left @ left)
 
 
 def _is_complete(problem: AxisProblem, fit: DriveFit) -> bool:
@@ -192,6 +217,12 @@ def with_backlash(problem: AxisProblem, base: DriveFit, axis_log: AxisLog) -> Ca
             verdict = verdict._replace(fit=best)
         elif verdict.bound is not None:
             verdict = verdict._replace(bound=smallest_visible_backlash(problem, base))
+    rubbing = None if _is_complete(problem, best) else _with_friction(problem, best, bool(hidden))
+    if rubbing is not None:
+        bound = None if hidden or "gap" in rubbing.names else smallest_visible_backlash(problem, rubbing)
+        words = (hidden,) if hidden else ()
+        best, verdict = rubbing, BacklashVerdict(rubbing if "gap" in rubbing.names else None, bound, words)
+    elif not hidden:
         for gap in () if _is_complete(problem, best) else GAPS:
             joint = fit_drive(problem, replace(base.plant, gap=gap), (*base.names, "gap"), rounds=2)
             if _is_complete(problem, joint):
@@ -201,6 +232,33 @@ def with_backlash(problem: AxisProblem, base: DriveFit, axis_log: AxisLog) -> Ca
     if not _settles(best.plant):
         return None
     return CascadeFit(best, verdict, position_rms(problem, best.left, problem.held))
+
+
+def _with_friction(problem: AxisProblem, plain: DriveFit, hidden: bool) -> DriveFit | None:
+    """Fit friction with the gains, which else give way to it: K_v of 8 for 40 where F/K is 60 µm.
+
+    `hidden` says that no backlash shows; else it is fitted with them. None where that leaves no less of the held-out
+    samples, or the file says how the axis rubs.
+    """
+    if problem.axis.effects or problem.plant.coulomb_plus > 0.0:
+        return None
+    found = [_rubbing(problem, gaps) for gaps in ((0.0,), GAPS)[: 1 if hidden else 2]]
+    best = found[0]
+    if len(found) > 1 and held_out_gain(problem, found[1], best) >= EARNS and found[1].plant.gap > 0.0:
+        best = found[1]
+    less = position_rms(problem, best.left, problem.held) < MUCH * position_rms(problem, plain.left, problem.held)
+    return best if less and best.plant.coulomb_plus > 0.0 and _settles(best.plant) else None
+
+
+def _rubbing(problem: AxisProblem, gaps: Sequence[float]) -> DriveFit:
+    """Fit gains and friction, and backlash where one of `gaps` is, from the best that is tried."""
+    tried = [
+        replace(one, gap=gap, coulomb_plus=size, coulomb_minus=size)
+        for one, gap, size in product(_tried(problem), gaps, FRICTIONS)
+    ]
+    start = min(tried, key=lambda one: position_rms(problem, residuals(problem, one), problem.fit))
+    names = (*gains_of(start), "friction", *(("gap",) if any(gaps) else ()))
+    return fit_drive(problem, start, names, rounds=2)
 
 
 def is_better(problem: AxisProblem, cascade: DriveFit, single: DriveFit) -> bool:
@@ -242,6 +300,12 @@ def cascaded_axis(
     best = tangent(counted, plant, names)
     errors = _errors(best)
     said = [*notes, *found.verdict.notes]
+    if "friction" in names:
+        size = plant.coulomb_plus / MICROMETRE
+        said.append(
+            f"friction of {size:.2g} µm of following error was fitted beside the gains and is not written: run ph-post"
+            " diagnose to name it"
+        )
     if problem.plant.cascade is None:
         said.insert(len(notes), "a cascade predicts the held-out samples better than a single loop")
     if plant.cascade is not None and plant.cascade.dead_time < 0.0:
@@ -249,7 +313,7 @@ def cascaded_axis(
         if early > EARLY * problem.period:
             said.append(f"the readings are {early / MS:.2g} ms early against their commands: taken for the recorder's")
         plant = with_base_value(plant, "dead_time", 0.0)
-    vague = [name for name in names if name not in MAY_BE_NONE and name != "gap" and errors[name] > VAGUE]
+    vague = [name for name in names if name not in MAY_BE_NONE and name not in LENGTHS and errors[name] > VAGUE]
     if vague:
         words = " and ".join(NAMES[one].replace("_", " ") for one in vague)
         others = "each other" if len(vague) > 1 else "the other gains"
@@ -259,7 +323,10 @@ def cascaded_axis(
     parameters = _estimates(plant, errors)
     if "gap" in names and plant.loop.encloses_backlash:
         said.append(f"the lost motion is given for inertia_fraction = {plant.eta:.4g}")
-    rms = position_rms(counted, best.left, counted.counted)
+    left = best.left
+    if "friction" in names:
+        left = residuals(counted, replace(best.plant, coulomb_plus=0.0, coulomb_minus=0.0))
+    rms = position_rms(counted, left, counted.counted)
     if rms > CLEAN * problem.noise_floor:
         said.append(
             f"the free run misses the readings by {rms / MICROMETRE:.3g} µm rms, their noise is "
@@ -312,6 +379,8 @@ def _estimates(plant: Plant, errors: Mapping[str, float]) -> dict[str, Estimate]
     for field, error in errors.items():
         if field == "gap":
             found["lost_motion"] = Estimate(value=plant.gap / MM, stderr=error * MICROMETRE / MM, unit="mm")
+            continue
+        if field in LENGTHS:
             continue
         name, free = NAMES[field], free_number(field, plant)
         here = _shown(name, plant)

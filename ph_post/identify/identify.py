@@ -357,7 +357,7 @@ def _cascade(problem: AxisProblem, axis_log: AxisLog, single: DriveFit | None) -
     if not is_better(problem, found.fit, single):
         return None
     # No friction looks like a cascade down to the noise.
-    if found.held_out <= CLEAN * finest_noise(problem):
+    if "friction" not in found.fit.names and found.held_out <= CLEAN * finest_noise(problem):
         return found
     return found if is_better(problem, found.fit, fitted_with(problem, single, "friction")) else None
 

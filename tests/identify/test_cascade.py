@@ -53,6 +53,26 @@ def test_structure_gains_and_gap(weight: float, gap: float, channels: str) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("weight", "gap", "force"), [(0.7, 2e-5, 0.5), (0.95, 4e-5, 0.3), (0.0, 2e-5, 0.5)])
+@pytest.mark.thinned(2, 1)
+def test_friction_takes_nothing_from_gains_and_gap(weight: float, gap: float, force: float) -> None:
+    """Without friction in the fit K_v came out as 34.6 ± 2, and 20 µm of backlash as 31.8 ± 2.6."""
+    drive = Drive(tn=12e-3, velocity=weight)
+    found = identify(record(drive, gap, coulomb=force), feedback={"X": "motor"})
+    axis, shown = found.machine.axes["X"], found.drives["X"]
+    assert axis.servo.cascade is not None
+    assert axis.servo.cascade.position_gain == pytest.approx(40.0, rel=0.01)
+    assert axis.servo.cascade.velocity_gain == pytest.approx(250.0, rel=0.02)
+    assert shown.parameters["velocity_feedforward"].value == pytest.approx(100.0 * weight, abs=3.0)
+    assert axis.gap.lost_motion == pytest.approx(gap, rel=0.02)
+    assert not axis.effects
+    size = f"friction of {1e6 * force / (40.0 * 250.0):.2g} µm of following error"
+    assert any(one.startswith(size) for one in shown.notes)
+    assert not any("backlash is not identified" in one for one in shown.notes)
+    assert shown.rms > 10.0 * NOISE  # of what is written, which has no friction
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("weight", [0.95, 1.0])
 @pytest.mark.thinned(4, 2)
 def test_a_current_loop_is_found_or_allowed_for(weight: float) -> None:
