@@ -7,6 +7,7 @@ lead counts on the time at which the controller goes along them: it holds at 100
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -16,22 +17,24 @@ from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis, analyse
 from ph_post.api.results import ProgramMotion
-from ph_post.compensate.offsets import command_of
+from ph_post.compensate.friction import friction_of
+from ph_post.compensate.offsets import APPROACH_FEED, LOST_MOTIONS, command_of, lead_in, make_jog, may_shift
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.dialects.base import Dialect
-from ph_post.edit.lead_edits import LeadStretch, why_not_led
+from ph_post.edit.lead_edits import Approach, LeadStretch, why_not_led
 from ph_post.edit.preconditions import why_blocked, why_not_editable
+from ph_post.edit.reversals import section_spans
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.paths import ProgramPath, line_words, paths_of
-from ph_post.gcode.program import RAPID, PartProgram
+from ph_post.gcode.program import AXES, LINE, RAPID, PartProgram
 from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress, prefixed
 from ph_post.simulate.assess import is_nominal, run_scenarios
 from ph_post.simulate.contour import ContourError
-from ph_post.types import Array, IntArray, Machine, Scenario
+from ph_post.types import Array, IntArray, Machine, Plan, Scenario
 from ph_post.units import MICROMETRE
 
 OVERRIDES: Final = (0.5, 1.0, 1.2)
@@ -42,6 +45,9 @@ CHORD_BLOCKS: Final = 4.0
 
 REST: Final = 8.0
 """How long the path rests before it is led, in units of the servo's √b: a lag of the approach falls to some 0.3 %."""
+
+RUN_ON: Final = 0.05
+"""Part of its backlash by which a table may run on where its motor stops at the end of an approach."""
 
 SHARE: Final = 0.5
 """Part of the time allowed that these rests may take; where they take more there are none."""
@@ -225,7 +231,57 @@ def _stretch(program: PartProgram, made: WindowPlan, pause: float) -> LeadPlan:
         after_rapid=_after_rapid(program, first),
     )
     free = (replace(stretch, position=bare.position),)
+    ways = _approaches(program, plan, stretch)
+    if ways:
+        moved = command_of(_approached(plan, ways), track, period)
+        stretch = replace(stretch, position=moved.position, approaches=ways)
+        reach = max(reach, math.hypot(*(max(abs(way.beyond), abs(way.offset)) for way in ways)))
     return LeadPlan(stretches=(stretch,), free=free, plans=(made,), warnings=(), reach=reach)
+
+
+def _approached(plan: Plan, ways: Sequence[Approach]) -> Plan:
+    """Return a plan whose axes are on their sides when it begins, and push against their friction there."""
+    offsets = {way.axis: way.offset for way in ways}
+    crossings = tuple(one for one in plan.crossings if one.axis not in offsets or one.start >= _begins(plan))
+    friction, left = list(plan.friction), set(offsets)
+    for number, one in enumerate(friction):
+        if one.axis in left and one.before == 0:
+            friction[number] = replace(one, start=-(one.release + one.hold + one.take))
+        left.discard(one.axis)
+    return replace(plan, crossings=crossings, bias={**plan.bias, **offsets}, friction=tuple(friction))
+
+
+def _begins(plan: Plan) -> float:
+    """Return when the path of a plan begins [s], behind what brings axes onto their sides."""
+    return lead_in(plan.phases, plan.crossings)
+
+
+def _approaches(program: PartProgram, plan: Plan, stretch: LeadStretch) -> tuple[Approach, ...]:
+    """Return how axes come onto their sides in the air; none where the first line behind the rapid is no move there.
+
+    A table that the motor stops pushing runs on in its backlash: the speed is one from which its friction, where that
+    is known, stops it within a small part of that.
+    """
+    motions, first = program.motions, stretch.first
+    begin = first if stretch.after_rapid is None else stretch.after_rapid
+    between, low = slice(begin, max(first, begin + 1)), section_spans(motions)[0]
+    in_air = begin > 0 and motions.kind[begin - 1] == RAPID and (motions.kind[between] == LINE).all()
+    if not in_air or (low[low > begin] <= first).any() or why_not_led(program, begin, stretch.last):
+        return ()
+    rests = ~(motions.end[between] != motions.start[between]).any(axis=0)
+    found = []
+    for name in stretch.axes:
+        axis = plan.machine.axes[name]
+        own = [one for one in plan.crossings if one.axis == name and one.start < _begins(plan)]
+        if not own or not rests[AXES.index(name)] or not may_shift(axis):
+            continue
+        offset = plan.bias.get(name, 0.0) + sum(one.travel for one in own)
+        way, friction = math.copysign(LOST_MOTIONS * axis.gap.lost_motion, own[-1].travel), friction_of(axis)
+        speed = make_jog(axis, way, 0.0, APPROACH_FEED).velocity
+        if friction is not None and friction.size:
+            speed = min(speed, math.sqrt(2.0 * RUN_ON * axis.gap.lost_motion * friction.size / axis.servo.b))
+        found.append(Approach(axis=name, beyond=offset - way, offset=offset, speed=speed))
+    return tuple(found)
 
 
 def _after_rapid(program: PartProgram, first: int) -> int | None:

@@ -27,6 +27,7 @@ from ph_post.api.led_programs import (
     require_lead,
 )
 from ph_post.api.results import ProgramMotion
+from ph_post.compensate.friction import friction_of_machine
 from ph_post.compensate.plan_warnings import doubtful_values, round_up
 from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.dialects.base import Dialect
@@ -141,7 +142,19 @@ def _planned(
     paths_said = path_mode_warnings(original, machine, dialect)
     paths_said += chord_warnings(original, machine, dialect, options.tolerance)
     paths_said += [*doubtful_values(machine, moved_axes(original)), *warn_reckoned(original, reckoned), *said]
+    paths_said += _friction_left(original, machine, request)
     return _PlanSearch(original, planner, before, request, tuple(paths_said), progress).run(options)
+
+
+def _friction_left(program: PartProgram, machine: Machine, request: ProgramRequest) -> list[str]:
+    """Say that a program without the lead leaves the friction of its axes in the part."""
+    moved = [name for name in moved_axes(program) if name in machine.axes]
+    names = [name for name, one in friction_of_machine(machine, moved).items() if one.turns]
+    if request.lead or request.lead_left or not names:
+        return []
+    foreign = find_dialect(machine.dialect).language.read is not None
+    option = "--table leads it" if foreign else "--lead-program or --table leads it"
+    return [f"the friction of {' and '.join(names)} stays in the part, behind each reversal; {option}"]
 
 
 def _on_contours(program: PartProgram, machine: Machine, request: ProgramRequest) -> bool:

@@ -39,12 +39,26 @@ _PLAIN_CODES: Final = (0.0, 1.0, 2.0, 3.0)
 _COMMENT: Final = re.compile(r"\([^)]*\)|;.*")
 
 
+class Approach(msgspec.Struct, frozen=True, kw_only=True):
+    """An axis comes onto its side of the backlash in the air.
+
+    From `beyond` its place it goes to `offset` [m] beside it, at `speed` [m/s].
+    """
+
+    axis: str
+    beyond: float
+    offset: float
+    speed: float
+
+
 class LeadStretch(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A stretch of cutting motions from rest to rest, and the command in its place.
 
     The motions from `first` to `last`; `t` (n,) [s] and `position` (n, dim) [m] the rows of the command in the `axes`;
     `pause` [s] how long the path rests before it, until the servos have come to its start,
-    and before the motion `after_rapid` too, where other moves lead from a rapid to it.
+    and before the motion `after_rapid` too, where other moves lead from a rapid to it. `approaches` bring axes onto
+    their sides of the backlash before that motion, which the stretch begins with then: the moves from it to `first`
+    carry their offsets, and the command begins with them.
     """
 
     first: int
@@ -54,6 +68,12 @@ class LeadStretch(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     position: Array
     pause: float = 0.0
     after_rapid: int | None = None
+    approaches: tuple[Approach, ...] = ()
+
+    @property
+    def begin(self) -> int:
+        """The motion with whose line it begins."""
+        return self.first if self.after_rapid is None or not self.approaches else self.after_rapid
 
     @property
     def pauses(self) -> int:
@@ -165,8 +185,8 @@ class LeadWriter(ChangeWriter):
     def changes(self, stretches: Iterable[LeadStretch]) -> Iterator[Change]:
         """Write the changes of all stretches, which come in the order of travel."""
         for one in stretches:
-            begin, end = self._program.motions.block[[one.first, one.last]].tolist()
-            if one.after_rapid is not None and one.pause > 0.0:
+            begin, end = self._program.motions.block[[one.begin, one.last]].tolist()
+            if one.after_rapid is not None and one.pause > 0.0 and not one.approaches:
                 yield from self._rest_before(one.after_rapid, one.pause)
             yield from self._move_to(begin)
             self._stretch(one, begin, end)
@@ -187,6 +207,9 @@ class LeadWriter(ChangeWriter):
         change.label.append(LABEL)
         change.removed += end + 1 - begin
         change.lines += [text for block in range(begin, end + 1) for text in _comments(self._program, block)]
+        relative = not modal.absolute
+        change.lines += ["G90"] if relative else []
+        self._approach(one, modal.units)
         self._rest(one.pause)
         mode = self._dialect.syntax.path_mode
         # A mode that the program does not name could not be set back.
@@ -194,16 +217,35 @@ class LeadWriter(ChangeWriter):
             wanted = mode(self._tolerance * MM / modal.units)
             change.lines += [wanted] if wanted != self._path else []
             self._path = wanted
-        relative = not modal.absolute
-        change.lines += ["G90"] if relative else []
         self._chords(one, modal.units)
         change.lines += ["G91"] if relative else []
 
+    def _approach(self, one: LeadStretch, units: float) -> None:
+        """Bring axes onto their sides in the air, rest, and go on to the first chord by the program's own moves."""
+        motions, step = self._program.motions, units * 10.0**-self._fine
+        for way in one.approaches:
+            column = AXES.index(way.axis)
+            for place in (way.beyond, way.offset):
+                count = round((motions.start[one.begin, column] + place) / step)
+                self._straight([self._length(way.axis, count)], self._digits(way.speed / units * MINUTE))
+        if one.begin < one.first:
+            self._rest(one.pause)
+        for motion in range(one.begin, one.first):
+            moved = np.flatnonzero(motions.end[motion] - motions.start[motion]).tolist()
+            body = [self._length(AXES[column], round(motions.end[motion, column] / step)) for column in moved]
+            if body:
+                self._straight(body, self._digits(motions.feed[motion] / units * MINUTE))
+
+    def _length(self, name: str, count: int) -> str:
+        return name + self._dialect.numbers.length(count, self._fine)
+
     def _chords(self, one: LeadStretch, units: float) -> None:
-        """Write the chords; they begin and end where the program's own motions do."""
-        motions, numbers = self._program.motions, self._dialect.numbers
+        """Write the chords; they begin and end where the program's own motions do, and at their offsets."""
+        motions = self._program.motions
         columns = [AXES.index(name) for name in one.axes]
         start, goal = motions.start[one.first, columns], motions.end[one.last, columns]
+        offsets = {way.axis: way.offset for way in one.approaches}
+        start = start + np.array([offsets.get(name, 0.0) for name in one.axes])
         rows = np.vstack([one.position, goal])
         away = float(np.linalg.norm(one.position[-1] - goal))
         period = float(one.t[1] - one.t[0])
@@ -229,7 +271,7 @@ class LeadWriter(ChangeWriter):
         before: Sequence[int] = np.rint(start / (units * 10.0**-self._fine)).astype(np.int64).tolist()
         for place, speed in ways:
             body = [
-                name + numbers.length(int(count), self._fine)
+                self._length(name, int(count))
                 for name, count, had in zip(one.axes, place.tolist(), before, strict=True)
                 if count != had
             ]

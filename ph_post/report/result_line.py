@@ -23,6 +23,7 @@ from ph_post.api.results import (
 )
 from ph_post.api.reversals import ProgramReversal, count_program_reversals
 from ph_post.bounds import LONGEST_SIMULATED
+from ph_post.compensate.friction import friction_of_machine
 from ph_post.compensate.options import PlanOutput
 from ph_post.dialects.declaration import read_declaration
 from ph_post.drive.axes import has_backlash
@@ -40,6 +41,9 @@ HIDING: Final = 1.1
 """Times the backlash error that the error by all causes is before it is said beside it."""
 
 
+FRICTION_AND_LAG: Final = "friction and lag"
+
+
 class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     """A motion before and after compensation.
 
@@ -49,8 +53,9 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     None where that is not known. `left` says what is not compensated, and what would change that; `trouble` why
     nothing could be simulated. `alone` where both motions are one, and nothing is compared.
     `sides` are the largest distances to the left and to the right of the path before and after [m], and `part_side` 1
-    where the part is on the left, -1 where it is on the right. `leads` names what the compensated motion leads, empty
-    where nothing: what backlash alone adds hides behind that before, and the error by all causes is said too.
+    where the part is on the left, -1 where it is on the right. `leads` names what the compensated motion leads, and
+    friction even where that is left; empty where nothing: what backlash alone adds hides behind that before, and the
+    error by all causes is said too.
     `further` are axes beside X, Y and Z.
     """
 
@@ -88,6 +93,7 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
         found = _simulated(*path.motions(output), path.machine, path.analysis.path.axes) if simulated else None
         crossed = path.crossed_for(output)
         leads = _led(path.plan(output)) if crossed is None else _led_in_program(crossed.edited)
+        leads = _with_friction(leads, path.machine, path.analysis.path.axes)
         found = msgspec.structs.replace(found or ResultSummary(), leads=leads)
         notes = path.notes
     else:
@@ -96,7 +102,8 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
         warnings = (*path.planned.warnings, *path.shifted.warnings)
         moved = moved_axes(path.original)
         found = _simulated(path.before, path.after, path.machine, moved) if simulated else None
-        side, leads = path.options.editing.part_side, _led_in_program(path.edited)
+        leads = _with_friction(_led_in_program(path.edited), path.machine, moved)
+        side = path.options.editing.part_side
         found = msgspec.structs.replace(
             found or ResultSummary(), part_side=side, leads=leads, further=path.shifted.errors
         )
@@ -213,7 +220,12 @@ def _led(plan: Plan) -> str:
     """Name what the command of a table leads."""
     if not plan.inverse_dynamics:
         return ""
-    return "friction and lag" if plan.friction_part > 0.0 else "lag"
+    return FRICTION_AND_LAG if plan.friction_part > 0.0 else "lag"
+
+
+def _with_friction(leads: str, machine: Machine, axes: Iterable[str]) -> str:
+    """Return what a motion leads, with the friction of the machine's axes, which is in the error led or not."""
+    return FRICTION_AND_LAG if friction_of_machine(machine, [one for one in axes if one in machine.axes]) else leads
 
 
 def _led_in_program(found: CompensatedProgram) -> str:

@@ -7,14 +7,17 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from msgspec.structs import replace
 
 import ph_post as ph
 from ph_post.diagnose.diagnose import diagnose
-from ph_post.types import Limits, Machine
+from ph_post.gcode.read import read_program
+from ph_post.types import EffectSetting, Limits, Machine
 from tests.hidden.test_loop import CIRCLE, RADIUS
 from tests.support.cascade_plant import Drive, motor_of, play
 from tests.support.cascade_records import machine_of, record
+from tests.support.played import play_program
 
 DRIVE, GAP, FRICTION = Drive(tn=12e-3, velocity=0.95), 4e-5, 0.3
 LIMITS = Limits(velocity=0.2, acceleration=2.0, jerk=50.0)
@@ -22,30 +25,77 @@ BESIDE = 0.4
 """Time at either end in which the table comes onto its side of the gap, and all begins and ends [s]."""
 
 
-def with_both_axes(machine: Machine) -> Machine:
-    axis = replace(machine.axes["X"], limits=LIMITS)
-    return replace(machine, axes={name: replace(axis, name=name) for name in "XY"})
+def with_all_axes(machine: Machine) -> Machine:
+    """Return a machine with the axis of a file as X and Y, and a Z that has nothing."""
+    axes = {"X": machine.axes["X"], "Y": machine.axes["X"], "Z": machine_of(DRIVE).axes["X"]}
+    return replace(machine, axes={name: replace(axis, name=name, limits=LIMITS) for name, axis in axes.items()})
+
+
+def errors(commands: np.ndarray, counted: np.ndarray, gap: float, friction: float) -> tuple[float, float]:
+    """Return the largest and rms distance [m] from the circle of what the plant does with commands (n, 2)."""
+    places = []
+    for column in commands.T:
+        motor = motor_of(DRIVE, column - column[0], friction, fine=20)
+        places.append(column[0] + play(motor, gap))
+    off = np.abs(np.hypot(*places) - RADIUS)[counted]
+    return float(np.max(off)), float(np.sqrt(np.mean(off**2)))
 
 
 def executed(machine: Machine, folder: Path) -> tuple[float, float]:
-    """Largest and rms distance [m] from the circle as the plant executes the table of a machine file."""
+    """Errors [m] of the table of a machine file."""
     path, table = folder / "circle.json", folder / "circle.csv"
     path.write_text(json.dumps(CIRCLE))
     ph.compensate(ph.read_path(path), machine, output="table").write_table(table)
     rows = list(csv.DictReader(one for one in table.read_text().splitlines() if not one.startswith("#")))
     t = np.array([float(row["t"]) for row in rows])
-    places = []
-    for name in "XY":
-        command = np.array([1e-3 * float(row[name]) for row in rows])
-        places.append(command[0] + play(motor_of(DRIVE, command - command[0], FRICTION, fine=20), GAP))
-    off = np.abs(np.hypot(*places) - RADIUS)[(t > BESIDE) & (t < t[-1] - BESIDE)]
-    return float(np.max(off)), float(np.sqrt(np.mean(off**2)))
+    commands = np.array([[1e-3 * float(row[name]) for name in "XY"] for row in rows])
+    return errors(commands, (t > BESIDE) & (t < t[-1] - BESIDE), GAP, FRICTION)
 
 
 def test_loop_closed_on_a_cascade(tmp_path: Path) -> None:
     wrong = machine_of(DRIVE)
     found = diagnose(record(DRIVE, GAP, coulomb=FRICTION), wrong)
     assert {one.name for one in found.findings} == {"backlash", "coulomb_friction"}
-    before, after = (executed(with_both_axes(one), tmp_path) for one in (wrong, found.machine))
+    before, after = (executed(with_all_axes(one), tmp_path) for one in (wrong, found.machine))
     assert after[0] < before[0] / 5.0
     assert after[1] < before[1] / 10.0
+
+
+PROGRAM = f"""G21 G90 G17 G94 G64 P0.002
+G0 X{1e3 * RADIUS:g} Y0
+G0 Z2
+G1 Z-1 F300
+G3 X{1e3 * RADIUS:g} Y0 I{-1e3 * RADIUS:g} J0 F1200
+G0 Z2
+M2
+"""
+HEAVY, NARROW = 0.8, 3e-5
+"""Friction [m/s²] that makes more error than the backlash [m]."""
+
+
+def played(text: str) -> tuple[float, float]:
+    """Errors [m] of a program, from the first tenth of a millimetre of its cut on."""
+    commands = play_program(text, "XY", 1e-3, np.array([RADIUS, 0.0])).position
+    turned = RADIUS * np.unwrap(np.arctan2(commands[:, 1], commands[:, 0]))
+    return errors(commands, (turned > 1e-4) & (turned < 2.0 * np.pi * RADIUS - 1e-4), NARROW, HEAVY)
+
+
+@pytest.mark.slow
+def test_a_program_with_the_lead_takes_friction_out_of_a_cascade() -> None:
+    machine = machine_of(DRIVE, NARROW)
+    error = {"following_error_mm": 1e3 * HEAVY / (DRIVE.kv * DRIVE.wv)}
+    axis = replace(machine.axes["X"], effects=(EffectSetting(name="coulomb_friction", parameters=error),))
+    machine = with_all_axes(replace(machine, axes={"X": axis}))
+    found = ph.compensate(
+        read_program(PROGRAM.encode(), "circle"), machine, lead_program=True, effort=0.05, max_slowdown=0.2
+    )
+    before, after = played(PROGRAM), played(found.program().decode())
+    assert after[0] < before[0] / 5.0
+    assert after[1] < before[1] / 7.0
+    # What is claimed is what happens, and backlash does no more of it.
+    assert after == pytest.approx((found.after.error.max, found.after.error.rms), rel=0.05)
+    assert found.after.error_gap.max <= found.after.error.max
+    assert not any("friction" in one and "stays" in one for one in found.warnings)
+    left = ph.compensate(read_program(PROGRAM.encode(), "circle"), machine, strategy="none")
+    said = "the friction of X and Y stays in the part, behind each reversal; --lead-program or --table leads it"
+    assert said in left.warnings

@@ -38,7 +38,8 @@ def program_gap_error(
     without the offsets that cross it. Where controllers round joints, what lies between that and the way of the exact
     path at the same pace adds nothing. A program that declares this original carries offsets that follow from where its
     lines end and those of the original. Of any other nothing is known: there it is the way of the original, run as fast
-    as the command goes along the path.
+    as the command goes along the path. Where the lead of the servos is in a program, a table that is nearer to the path
+    than to that way has no more of it than its distance from the path.
 
     Parameters
     ----------
@@ -67,7 +68,8 @@ def program_gap_error(
 
     def added(scenario: Scenario) -> ContourError | None:
         table = cut.runs.executed(scenario)
-        return contour_error(bands[_without_gap(scenario)].errors(table[rows]))
+        found = bands[_without_gap(scenario)].errors(table[rows])
+        return contour_error(np.minimum(found, cut.distances.errors(table)[rows]) if led else found)
 
     return max(run_scenarios(added, tried), key=lambda error: -1.0 if error is None else error.max)
 
