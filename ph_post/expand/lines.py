@@ -21,6 +21,7 @@ PROGRAM: Final = "program"
 
 _PARTS: Final = re.compile(r"\(([^)]*)(?:\)|$)|(;.*)")
 _ACTIVE: Final = re.compile(r"\s*(?:msg,|debug,|print,|log|probeopen|probeclose|abort,|py)", re.IGNORECASE)
+_ENDLESS: Final = re.compile(r"[0-9]{1000}")
 _FLOW: Final = re.compile(r"^\s*/?\s*(?:[nN][\s\d.]*)?[oO]")
 
 
@@ -167,6 +168,11 @@ class Source:
     ----------
     name : str
     text : str
+
+    Raises
+    ------
+    ExpandError
+        Where a line has a number that no controller has room for.
     """
 
     def __init__(self, name: str, text: str) -> None:
@@ -175,6 +181,9 @@ class Source:
         self.texts = re.split(r"\r\n|\n|\r", text)
         if self.texts and not self.texts[-1]:
             self.texts.pop()
+        if _ENDLESS.search(text):
+            line = next(number for number, one in enumerate(self.texts, 1) if _ENDLESS.search(one))
+            raise ExpandError("a number is too long", expected="fewer than 1000 digits").at(name, line)
         self._lines: dict[int, ProgramLine] = {}
         self._flows: list[int] | None = None
 

@@ -220,13 +220,13 @@ def _read_body(text: str, body: str) -> MacroLine:
         condition = parser.expression()
         parser.take("do")
         return MacroLine(text=text, order="while", condition=condition, number=_digits(parser), computed=True)
-    if body.startswith("end") and body[3:].isdigit():
+    if body.startswith("end") and body[3:].isdecimal():
         return MacroLine(text=text, order="end", number=int(body[3:]), computed=True)
     return _read_words(text, body)
 
 
 def _digits(parser: Parser) -> int:
-    if not parser.text[parser.at :].isdigit():
+    if not parser.text[parser.at :].isdecimal():
         raise ExpandError("the loop has no number", expected="DO1 to DO3", got=parser.text[parser.at :][:20])
     return int(parser.text[parser.at :])
 

@@ -276,3 +276,8 @@ def test_splicing_writes_points_milliseconds_and_capitals_and_can_be_undone(part
     program = read_as("fanuc", found, "a.nc")
     assert program.notes == ()
     assert (program.motions.kind == ARC).sum() >= 3
+
+
+def test_a_jump_to_a_number_of_5000_digits_is_named() -> None:
+    (note,) = read_as("fanuc", b"O1\nG21 G1 X1. F100.\nGOTO" + 5000 * b"1" + b"\nM30\n", "a.nc").notes
+    assert "jump in line 3 to a line that is not known" in note.what

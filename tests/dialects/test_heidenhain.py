@@ -356,10 +356,14 @@ def test_a_jump_to_a_label_without_a_blank_is_a_jump() -> None:
     ]
 
 
-@pytest.mark.parametrize("block", ["L X+10 \x85R0", "L X+10\xa0R0", "L X+1\uff11 R0"])
+@pytest.mark.parametrize("block", ["L X+10 \x85R0", "L X+10\xa0R0", "L X+1\uff11 R0", f"L X+1 M{5000 * '1'}"])
 def test_blanks_and_digits_that_no_control_knows_are_not_read_as_its_own(block: str) -> None:
     program = klartext("L X+0 Y+0 R0 F500", block, "L X+20 Y+5")
     assert [note.first for note in program.notes] == [2]
+
+
+def test_a_number_of_5000_digits_is_named() -> None:
+    assert [note.first for note in iso("G01 X+0 F500", f"G01 X+1 M{5000 * '1'}", f"G{5000 * '1'} X+2").notes] == [2, 3]
 
 
 def test_lines_of_an_iso_program_are_counted_as_everywhere_else() -> None:

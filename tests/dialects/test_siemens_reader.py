@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import mpmath
 import numpy as np
@@ -319,3 +320,11 @@ def test_own_programs_are_read_back(curve) -> None:
     path, warnings = main_path(program)
     assert not warnings
     assert path.s[-1] == pytest.approx(track.length, abs=5e-4)
+
+
+def test_blanks_take_no_longer_than_other_text() -> None:
+    """They took minutes when a line was read in every way in which they can be shared among its parts."""
+    line = 12_000 * " " + "x"
+    begun = time.process_time()
+    assert len(_read("\n".join(["G71", *8 * [line], ""])).notes) >= 1
+    assert time.process_time() - begun < 5.0

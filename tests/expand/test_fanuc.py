@@ -132,6 +132,10 @@ def test_subprograms_in_files(tmp_path):
         ("#1=1\nM99\n", 3, "never ends"),
         ("#1=98\nM#1 P1\n", 3, "computed"),
         ("#1=[2\n", 2, "not whole"),
+        ("#1=1\nEND\xb2\n", 3, ""),
+        ("WHILE[0GT1]DO\xb2\n", 2, "no number"),
+        (f"#1=1\nM98P{5000 * '1'}\n", 3, "too long"),
+        (f"#1=1\nN{5000 * '0'}1\n", 3, "too long"),
     ],
 )
 def test_what_cannot_be_written_out_is_named_with_its_line(text, line, what):

@@ -314,7 +314,10 @@ def _whole_program(rng: random.Random) -> tuple[str, str, str]:
 
 def _joined(rng: random.Random, dialect: str, text: str) -> str:
     """A program with others of its dialect behind it, as if none of them ended."""
-    number, own = list(LANGUAGES).index(dialect), [one for one in _entries() if one.dialect == dialect]
+    number, own = (
+        list(LANGUAGES).index(dialect.partition("+")[0]),
+        [one for one in _entries() if one.dialect == dialect],
+    )
     lines = text.split("\n")
     while len(lines) < MOST:
         if own and rng.random() < 0.5:

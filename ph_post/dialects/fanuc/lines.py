@@ -222,5 +222,5 @@ def _target(label: bytes, bare: bytes) -> int | None:
     """Place of the line with that N, None where there is none, or no number."""
     if not label:
         return None
-    place = re.compile(rb"^[ \t]*/?[ \t]*N[ \t]*0*%d(?!\d)" % int(label), re.MULTILINE).search(bare)
+    place = re.compile(rb"^[ \t]*/?[ \t]*N[ \t]*0*%s(?!\d)" % label.lstrip(b"0"), re.MULTILINE).search(bare)
     return None if place is None else place.end() - 1

@@ -56,8 +56,9 @@ _MOVES: Final = re.compile(r"(?:^| )G[0-3] ")
 _FEED: Final = re.compile(rf"(?:L|C)[A-Z]?\b.*?(?<![A-Z])F\s*({NUMBER}|Q[LRS]?\d+)")
 """A feed in a block that moves, which stays in force whatever else is in it."""
 
-_FOREIGN: Final = re.compile(r"(?![^\W\d])[^\x00-\x7f]")
-"""Blanks, digits and signs that no control knows, and that are not taken for its own: all but letters, of names."""
+_ROOM: Final = 1000
+_FOREIGN: Final = re.compile(rf"(?![^\W\d])[^\x00-\x7f]|\d{{{_ROOM},}}")
+"""Blanks, digits and signs that no control knows, all but letters of names; numbers longer than it has room for."""
 
 _STEP: Final[Mapping[str, Decimal]] = {"G21": Decimal("0.0001"), "G20": Decimal("0.00001")}
 """Ends that follow from angles are rounded to what a program can say: blocks behind them name the same places."""
@@ -406,6 +407,13 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
     rows: Callable[[], TncRows]
 
 
+def _own(text: str) -> str:
+    """Put a sign that nothing understands in the place of all that is foreign to a control."""
+    if text.isascii() and len(text) < _ROOM:
+        return text
+    return _FOREIGN.sub(lambda found: "\ufffd" * len(found[0]), text)
+
+
 class TncSource:
     """The lines of a program.
 
@@ -429,7 +437,7 @@ class TncSource:
     def __init__(self, data: bytes, name: str, language: TncLanguage) -> None:
         self._data, self._name, self._lines, self._language = data, name, lines_of(data, name), language
         whole = (text_of(data, self._lines, number) for number in range(self._lines.size - 1))
-        self.texts = [language.plain(_FOREIGN.sub("\ufffd", line.upper().decode("utf-8", "replace"))) for line in whole]
+        self.texts = [language.plain(_own(line.upper().decode("utf-8", "replace"))) for line in whole]
 
     def head(self) -> tuple[int, re.Match[str]]:
         """Return the number of the line with which the program begins, and its match as a head.
@@ -459,7 +467,7 @@ class TncSource:
         texts = [text.encode() for text in tnc.with_modes()]
         found = self._language.rows()
         for number in range(self._lines.size - 1):
-            line = text_of(self._data, self._lines, number).decode("latin-1")
+            line = _own(text_of(self._data, self._lines, number).decode("latin-1"))
             found.add(number, int(self._lines[number]), line, feed=tnc.feeds.get(number))
         program = read_translated(
             self._data,

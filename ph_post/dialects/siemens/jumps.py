@@ -10,14 +10,17 @@ JUMPED: Final = "lines of a jump"
 REPEATED: Final = "repeated part"
 CALLED: Final = "call of another program"
 
-_LEAD: Final = r"^\s*/?\d?\s*(?:[N:]\d+\s*)?"
+_SKIP: Final = r"^\s*(?:(?:/\d?|\d)\s*)?"
+"""Block delete. No two blanks are beside each other: many of them would be tried in every way they can be shared."""
+
+_LEAD: Final = _SKIP + r"(?:[N:]\d+\s*)?"
 _JUMP: Final = re.compile(r"\bGOTO([BFCS]?)\b\s*([A-Z_$\"]\w*|N\d+|:\d+|\d+)?", re.IGNORECASE)
 _REPEAT: Final = re.compile(
     r"\bREPEAT(B?)\b\s+(?!UNTIL)([A-Z_]\w*|N\d+)(?:\s+([A-Z_]\w*|N\d+)(?!\w|\s*=))?", re.IGNORECASE
 )
 _CALL: Final = re.compile(r"\b(?:CALL|PCALL|EXTCALL|ISOCALL|CASE)\b", re.IGNORECASE)
 _LABEL: Final = re.compile(r"^\s*(?:[N:]\d+\s*)?([A-Z_]\w+)\s*:(?!=)", re.IGNORECASE)
-_NUMBER: Final = re.compile(r"^\s*/?\d?\s*(N\d+|:\d+)", re.IGNORECASE)
+_NUMBER: Final = re.compile(_SKIP + r"(N\d+|:\d+)", re.IGNORECASE)
 _OPENS: Final = re.compile(_LEAD + r"(IF|WHILE|FOR|LOOP|REPEAT)\b", re.IGNORECASE)
 _CLOSES: Final = re.compile(_LEAD + r"(ENDIF|ENDWHILE|ENDFOR|ENDLOOP|UNTIL)\b", re.IGNORECASE)
 
