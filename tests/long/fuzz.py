@@ -5,11 +5,12 @@ what is written is verified, gives its original back, stays as it is when it is 
 interpreters of the tests' own, with a table behind backlash.
 
 Damaged programs go through convert, verify, inspect and diff as commands, within a time: no traceback, nothing
-half-written, and what is written is as good.
+half-written, and what is written is as good. A hundred times as many are only read and written out.
 
     python -m tests.long.fuzz programs --first 0 --count 10000 --rows rows.jsonl
     python -m tests.long.fuzz lines --first 0 --count 20000 --rows lines.jsonl
-    python -m tests.long.fuzz --rows rows.jsonl lines.jsonl --out tests/long/fuzz.json
+    python -m tests.long.fuzz readings --first 0 --count 20000 --rows readings.jsonl
+    python -m tests.long.fuzz --rows rows.jsonl lines.jsonl readings.jsonl --out tests/long/fuzz.json
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ from support.streams import without_progress
 
 from ph_post.api.checks import verify
 from ph_post.api.compensation import compensated, undo
+from ph_post.api.expansion import before_expansion, expanded_job
 from ph_post.api.options import CompensateOptions
 from ph_post.cli.main import main as command
 from ph_post.dialects.reading import read_as
@@ -422,7 +424,40 @@ def _taken(job: Damaged, folder: File, done: _Commands) -> str:
     return outcome
 
 
-TRIALS = {"programs": try_program, "lines": try_damaged}
+def try_reading(number: int) -> Tried:
+    """Read a damaged program, and write it out."""
+    job = damaged(number)
+    begun, faults, outcome = time.process_time(), [], "failed"
+    try:
+        with within_time():
+            outcome, faults = _readings(job)
+    except (Exception, Endless) as error:
+        faults = [where(error)]
+    spent = time.process_time() - begun
+    return Tried("readings", number, job.dialect, job.name, outcome, tuple(faults), job.lines, spent)
+
+
+def _readings(job: Damaged) -> tuple[str, list[str]]:
+    title, faults, outcome = f"a{ENDINGS.get(job.dialect, '.nc')}", [], "read"
+    try:
+        program = read_as(job.dialect, job.data, title)
+        faults += [] if b"".join(map(program.text, range(program.blocks))) == job.data else ["bytes are lost"]
+        source = SourceBytes(name=title, stem="a", data=job.data)
+        made = expanded_job(source, job.dialect, CompensateOptions(expand=True))[0].data
+        if made != job.data:
+            outcome = "unsound"
+            faults += [] if before_expansion(made, title) == job.data else ["the original is not kept"]
+            read_as(job.dialect, made, title)
+            outcome = "expanded"
+    except PhPostError as refusal:
+        told = str(refusal)
+        faults += [] if len(told.splitlines()) == 1 else [f"more than one line: {told[:200]!r}"]
+        faults += [f"what is written out is refused: {told}"] if outcome == "unsound" else []
+        outcome = "refused"
+    return outcome, faults
+
+
+TRIALS = {"programs": try_program, "lines": try_damaged, "readings": try_reading}
 """Trials by kind."""
 
 
@@ -432,9 +467,9 @@ def described(one: Tried) -> str:
     return "; ".join([what, *one.faults])
 
 
-def summary(tried: Sequence[Tried]) -> dict[str, Any]:
+def summary(tried: Sequence[Tried], code: str) -> dict[str, Any]:
     """Counts of what was tried, what came of it, and the numbers of those in which something went wrong."""
-    found: dict[str, Any] = {"seed": SEED, "seconds a step may take": TOO_LONG}
+    found: dict[str, Any] = {"code": code, "seed": SEED, "seconds a step may take": TOO_LONG}
     for kind in TRIALS:
         rows = {one.number: one for one in tried if one.kind == kind}.values()
         found[kind] = {
@@ -443,6 +478,7 @@ def summary(tried: Sequence[Tried]) -> dict[str, Any]:
             "numbers": [min((one.number for one in rows), default=0), max((one.number for one in rows), default=0)],
             "dialects": dict(sorted(Counter(one.dialect for one in rows).items())),
             "outcomes": dict(sorted(Counter(one.outcome for one in rows).items())),
+            "processor [s]": round(sum(one.seconds for one in rows)),
             "longest [s]": round(max((one.seconds for one in rows), default=0.0), 1),
             "faults": [described(one) for one in rows if one.faults],
         }
@@ -460,6 +496,7 @@ def main() -> None:
         "--rows", type=File, nargs="+", required=True, help="a line of JSON a trial; new ones go to the first"
     )
     asked.add_argument("--out", type=File)
+    asked.add_argument("--code", default="", help="the commit of what was tried")
     given = asked.parse_args()
     if given.kind:
         for number in range(given.first, given.first + given.count, given.step):
@@ -470,7 +507,10 @@ def main() -> None:
             with given.rows[0].open("a", encoding="utf-8") as file:
                 file.write(json.dumps(one._asdict()) + "\n")
     rows = [json.loads(line) for file in given.rows for line in file.read_text(encoding="utf-8").splitlines()]
-    text = json.dumps(summary([Tried(**{**row, "faults": tuple(row["faults"])}) for row in rows]), indent=1) + "\n"
+    text = (
+        json.dumps(summary([Tried(**{**row, "faults": tuple(row["faults"])}) for row in rows], given.code), indent=1)
+        + "\n"
+    )
     sys.stdout.write(text)
     if given.out:
         given.out.write_text(text, encoding="utf-8")

@@ -22,7 +22,7 @@ WORDS = FRAGMENTS.split()
 SEVERE = (b"\0", 60_000 * b"1", b" E3 ", b"\n(ph-post: offset X 1 mm)\n", b"(ph-post-expand: undo 1/1 a)")
 """What has a whole program refused."""
 
-ODD = "\t\r\x0b\x0c\x1b\x85\xa0°µÄß–−“”　０１９𝟘２Ｘ٣\u2028\ufeff🙂"
+ODD = "\t\r\x0b\x0c\x1b\x85\xa0²¹°µÄß–−“”　０１９𝟘２Ｘ٣\u2028\ufeff🙂"
 NUMBER = re.compile(r"[-+]?\d*\.?\d+")
 WORD = re.compile(r"[A-Za-z]+[=]?[-+]?[\d.]*|\S")
 
@@ -68,7 +68,7 @@ def _number(rng: random.Random, line: str) -> str:
             "--" + bare,
             str(rng.randint(-9999, 9999) / 1000),
             str(rng.randint(-2000, 2000)),
-            "9" * rng.choice([5, 10, 19, 40]),
+            "9" * rng.choice([5, 10, 19, 40, 5000]),
             "#1",
             "[1/0]",
             "nan",
@@ -151,7 +151,7 @@ def mutated(rng: random.Random, text: str, part: float, others: Sequence[str] = 
                 line = change(rng, line or " ")
             found.append(line)
     data = rng.choice(["\n", "\n", "\n", "\r\n", "\r"]).join(found) if rng.random() < 0.1 else "\n".join(found)
-    raw = data.encode("utf-8", "surrogatepass")
+    raw = data.encode("latin-1", "replace") if rng.random() < 0.1 else data.encode("utf-8", "surrogatepass")
     if rng.random() < 0.1:
         at = rng.randrange(len(raw) + 1)
         odd = [bytes(rng.randrange(1, 256) for _ in range(rng.randint(1, 4)))] * 8
