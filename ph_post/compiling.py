@@ -1,37 +1,51 @@
 """Compile functions with numba: entry points that Python calls, and inner functions that only compiled code calls.
 
-Compiled code is cached on disk per entry point, and rebuilt when the entry point's own file changes. So every
-inner function stands in the file of the entry points that call it. The cache is beside the installed files, or
-else in the user's home; where neither can be written it is in a folder of the user's own among the temporary
-files, and where that fails, too, the code is compiled in every run.
+Compiled code is kept on disk per entry point, and made anew when anything changes that is in it: the text of its
+file, numbers and functions that the file takes from others. An installation brings the code that most programs need.
+What is compiled later is kept beside the installed files, or else in the user's home; where neither can be written
+it is in a folder of the user's own among the temporary files, and where that fails, too, the code is compiled in
+every run. Of processes that need the same code at the same time one compiles it.
 """
 
 from __future__ import annotations
 
 import contextlib
+import enum
+import hashlib
 import importlib
 import os
 import stat
 import sys
 import tempfile
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from threading import Timer
-from typing import Any, Final, TypeVar, cast
+from types import ModuleType
+from typing import IO, Any, Final, TypeVar, cast
 
 import numpy as np
 from numba import config, njit
+from numba.core import caching
 from numba.core import event as events
 from numba.core import types as kinds
 from numba.np import linalg
 
 from ph_post.types import Array
 
+if sys.platform != "win32":
+    import fcntl
+
 settings: Any = config  # which has no types
+index_file: Any = caching.IndexDataCacheFile  # nor has this
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 PATIENCE: Final = 0.7
 """Time [s] after which the user is told that the compiler is at work."""
+
+LONGEST_WAIT: Final = 120.0
+"""Time [s] for which a process waits while another one compiles the same code; then it compiles by itself."""
 
 
 def _load_without_blas() -> None:
@@ -114,8 +128,10 @@ def _private_folder() -> str | None:
 
 
 _kept = _CachePlace()
+_locked: Final[set[Path]] = set()
 _register: Any = events.register  # which has no types
-_register("numba:compile", _CompileNotice())
+_notice = _CompileNotice()
+_register("numba:compile", _notice)
 
 
 def read_only(values: Array) -> Array:
@@ -140,7 +156,110 @@ def compiled(function: F) -> F:
 
 def _entry(function: F, *, cache: bool) -> F:
     fast: Any = njit(cache=cache, nogil=True, error_model="numpy")(function)
+    if cache:
+        _keep(fast)
     return cast("F", fast)
+
+
+def _keep(fast: Any) -> None:
+    """Have an entry point's code kept until what it is made of changes, found in the installation, compiled once."""
+    kept, source, held = fast._cache._cache_file, Path(fast.py_func.__code__.co_filename), contextlib.ExitStack()
+    installed = index_file(str(source.parent / "__pycache__"), fast._cache._impl.filename_base, None)
+    load, compile_here = kept.load, fast.compile
+
+    def find(key: Any) -> Any:
+        kept._source_stamp = installed._source_stamp = _stamp(fast.py_func)
+        found = load(key)
+        if found is None:
+            with contextlib.suppress(OSError):
+                found = installed.load(key)
+        return found
+
+    def find_or_wait(key: Any) -> Any:
+        found = find(key)
+        if found is None:
+            held.enter_context(_alone(source))
+            found = find(key)
+        return found
+
+    def compile_alone(signature: Any) -> Any:
+        with held:
+            return compile_here(signature)
+
+    kept.load, fast.compile = find_or_wait, compile_alone
+
+
+def _stamp(function: Callable[..., Any]) -> str:
+    """Return the digest of all that may be in a function's compiled code.
+
+    Those are the text of its file, the numbers which that takes from other files, and the texts and numbers of the
+    files from which it takes compiled functions.
+    """
+    texts = {__name__: Path(__file__).read_bytes()}
+    facts: list[str] = []
+    _gather(function.__globals__, texts, facts)
+    return hashlib.sha256(repr((sorted(texts.items()), facts)).encode()).hexdigest()
+
+
+def _gather(scope: Mapping[str, Any], texts: dict[str, bytes], facts: list[str]) -> None:
+    """Add a module's text and numbers, and those of the modules whose compiled functions or names it uses."""
+    module = scope["__name__"]
+    if module in texts:
+        return
+    texts[module] = Path(scope["__file__"]).read_bytes()
+    for name, value in sorted(scope.items()):
+        compiled_here = getattr(value, "py_func", None)
+        if compiled_here is not None:
+            _gather(compiled_here.__globals__, texts, facts)
+        elif isinstance(value, ModuleType) and value.__name__.startswith("ph_post."):
+            _gather(vars(value), texts, facts)
+        elif (fact := _fact(value)) is not None:
+            facts.append(f"{module}.{name}={fact}")
+
+
+def _fact(value: Any) -> str | None:
+    """Return what stands for a value that can be in compiled code: a number, a table or a list of named numbers."""
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype.str}{value.shape}{hashlib.sha256(value.tobytes()).hexdigest()}"
+    if isinstance(value, enum.EnumMeta):
+        members: Mapping[str, enum.Enum] = value.__members__
+        return repr([(name, _fact(one.value)) for name, one in members.items()])
+    if isinstance(value, tuple):
+        parts = [_fact(one) for one in value]
+        return None if None in parts else repr(parts)
+    return repr(value) if isinstance(value, int | float | complex | bytes | np.generic | np.dtype) else None
+
+
+@contextlib.contextmanager
+def _alone(source: Path) -> Iterator[None]:
+    """Wait until no other process compiles functions of a file, and have others wait meanwhile."""
+    if source in _locked:  # by this process: a function of the file calls another one
+        yield
+        return
+    with source.open("rb") as file:
+        _notice.on_start(None)
+        end = time.monotonic() + LONGEST_WAIT
+        while not _lock(file) and time.monotonic() < end:
+            time.sleep(0.02)
+        _notice.on_end(None)
+        _locked.add(source)
+        try:
+            yield
+        finally:
+            _locked.discard(source)
+
+
+def _lock(file: IO[bytes]) -> bool:
+    """Lock a file until it is closed, if no other process has; where files cannot be locked, nobody waits."""
+    if sys.platform == "win32":
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def _in_folder(function: F, folder: str | None) -> F:

@@ -1,12 +1,17 @@
-"""Compiled code is kept where there is room for it, and needs none: a read-only installation, no home."""
+"""Compiled code is kept while it is true, where there is room for it, and compiled once; it needs no room."""
 
 import ctypes
+import importlib
+import importlib.util
 import os
+import pkgutil
 import shutil
 import stat
 import subprocess
 import sys
 import tempfile
+import threading
+import types
 from pathlib import Path
 
 import numpy as np
@@ -134,3 +139,160 @@ def test_without_a_temporary_folder_nothing_is_kept(monkeypatch):
 
     monkeypatch.setattr(tempfile, "gettempdir", nowhere)
     assert compiling._private_folder() is None
+
+
+TOYS = {
+    "toy_numbers": "import numpy as np\nSCALE = 3.0\nTABLE = np.array([1.0, 2.0])\nDEEP = (1, (2.0, 5))\n",
+    "toy_inner": """
+from ph_post.compiling import inner
+from toy_numbers import TABLE
+
+@inner
+def shifted(x):
+    return x + TABLE[1]
+""",
+    "toy": """
+import toy_inner
+from ph_post.compiling import compiled
+from toy_inner import shifted
+from toy_numbers import DEEP, SCALE
+
+OWN = DEEP[1][1]
+
+@compiled
+def part(x):
+    return shifted(x) * SCALE
+
+@compiled
+def whole(x):
+    return part(x) + OWN
+""",
+}
+
+
+@pytest.fixture
+def toy(tmp_path, monkeypatch):
+    """Files with compiled functions, written to a folder, and a way to load them as a new process does."""
+    for name, text in TOYS.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+    def load():
+        for name in TOYS:
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        return importlib.import_module("toy")
+
+    yield load
+    for name in TOYS:
+        sys.modules.pop(name, None)
+
+
+def compiled_anew(function):
+    return sum(function.stats.cache_misses.values())
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "answer"),
+    [
+        ("toy_numbers", "SCALE = 3.0", "SCALE = 4.0", (1 + 2) * 4 + 5),
+        ("toy_numbers", "[1.0, 2.0]", "[1.0, 2.5]", (1 + 2.5) * 3 + 5),  # a number of a file that a file uses
+        ("toy_numbers", "(2.0, 5)", "(2.0, 6)", (1 + 2) * 3 + 6),
+        ("toy_inner", "x + TABLE", "x - TABLE", (1 - 2) * 3 + 5),
+        ("toy", "* SCALE", "/ SCALE", (1 + 2) / 3 + 5),
+    ],
+)
+def test_code_is_used_again_until_anything_that_is_in_it_changes(file, old, new, answer, toy, tmp_path):
+    first = toy()
+    assert first.whole(1.0) == (1 + 2) * 3 + 5
+    assert compiled_anew(first.whole) == 1
+    again = toy()
+    assert again.whole(1.0) == (1 + 2) * 3 + 5
+    assert compiled_anew(again.whole) == 0
+    text = TOYS[file]
+    assert text.count(old) == 1
+    (tmp_path / f"{file}.py").write_text(text.replace(old, new))
+    changed = toy()
+    assert changed.whole(1.0) == pytest.approx(answer, rel=1e-15)
+    assert compiled_anew(changed.whole) == 1
+
+
+def test_nothing_that_compiled_code_takes_from_elsewhere_is_missed():
+    """Whatever a compiled function names is a number, a table, a compiled function, or no part of this package."""
+    named = set()
+    for found in pkgutil.walk_packages(ph_post.__path__, "ph_post."):
+        spec = importlib.util.find_spec(found.name)
+        if ".data." in found.name or "from ph_post.compiling" not in Path(spec.origin).read_text():
+            continue
+        scope = vars(importlib.import_module(found.name))
+        for one in list(scope.values()):
+            if code := getattr(getattr(one, "py_func", None), "__code__", None):
+                named |= {(found.name, name) for name in code.co_names if name in one.py_func.__globals__}
+    assert len(named) > 300
+    for module, name in sorted(named):
+        value = vars(sys.modules[module]).get(name)
+        of_the_package = str(getattr(value, "__module__", "")).startswith("ph_post.")
+        assert (
+            compiling._fact(value) is not None
+            or hasattr(value, "py_func")
+            or isinstance(value, types.ModuleType)
+            or not of_the_package
+        ), f"{module}: {name}"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there nobody waits")
+def test_of_two_processes_one_compiles_and_the_other_waits_for_it(toy, tmp_path, monkeypatch, capsys):
+    other = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            "import sys, toy; from pathlib import Path; from ph_post import compiling\n"
+            "with compiling._alone(Path(toy.__file__)):\n"
+            "    print('begun', flush=True)\n"
+            "    sys.stdin.readline()\n"
+            "    print(toy.whole(1.0))\n",
+        ],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(PACKAGE.parent)])},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert other.stdout.readline() == "begun\n"
+    refused, lock = threading.Event(), compiling._lock
+
+    def tried(file):
+        had = lock(file)
+        if not had:
+            refused.set()
+        return had
+
+    monkeypatch.setattr(compiling, "_lock", tried)
+    found = toy()
+    answers = []
+    waiting = threading.Thread(target=lambda: answers.append(found.whole(1.0)))
+    waiting.start()
+    assert refused.wait(60)
+    assert not answers
+    out, _ = other.communicate("now\n")
+    waiting.join()
+    assert answers == [14.0]
+    assert out == "14.0\n"
+    assert compiled_anew(found.whole) == 0
+
+
+def test_a_process_that_never_ends_is_not_waited_for(toy, tmp_path, monkeypatch):
+    monkeypatch.setattr(compiling, "_lock", lambda _file: False)
+    monkeypatch.setattr(compiling, "LONGEST_WAIT", 0.1)
+    assert toy().whole(1.0) == 14.0
+
+
+def test_what_the_installation_brings_is_found_where_it_cannot_be_written(toy, tmp_path, monkeypatch):
+    assert toy().whole(1.0) == 14.0  # as while the package is built
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "home"))
+    found = toy()
+    assert found.whole(1.0) == 14.0
+    assert compiled_anew(found.whole) == 0
+    assert found.whole(2) == 17.0  # of another type, which nobody had needed
+    assert compiled_anew(found.whole) == 1
+    assert list((tmp_path / "home").rglob("*.nbc"))
