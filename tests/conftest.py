@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
-import shlex
-import shutil
-import subprocess
 import sys
-import tempfile
 from collections import Counter
 from collections.abc import Generator
 from pathlib import Path
@@ -36,13 +32,6 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("ph_post")
 
 HERE = Path(__file__).parent
-ROOT = HERE.parent
-
-COMPILING = (
-    ("simulate circle -m mill", "convert pocket.ngc -m router -o -"),
-    ("convert pocket.ngc -m stepper -o -", "convert circle.ngc -m stepper -o -", "diff pocket.ngc pocket.ngc"),
-)
-"""Commands that have nearly all compiled that tests use, a process each row."""
 
 SLOW_FOLDERS = ("tests/pages/", "tests/hidden/")
 """Folders whose tests drive a browser, or hide effects in plants and look for them."""
@@ -112,11 +101,7 @@ LONG = (
     "dialects/test_firmware.py",
     "compensate/test_layout.py",
 )
-"""Files that take longest, in the order they begin in: at the end no process is left alone with one.
-
-The first has the reader of programs compiled and the second the simulator, so that two processes that begin
-on a fresh clone do not both compile the same.
-"""
+"""Files that take longest, in the order they begin in: at the end no process is left alone with one."""
 
 BEGINNING = {HERE / name: number for number, name in enumerate(LONG)}
 
@@ -151,29 +136,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.skip(reason=f"slow: runs with {ALL}=1, or where its file is named"))
     if not named:
         items.sort(key=lambda item: BEGINNING.get(item.path, len(LONG)))
-
-
-def pytest_sessionstart(session: pytest.Session) -> None:
-    """Have compiled what all processes need before they begin, or on a fresh clone each compiles all of it."""
-    side_by_side = getattr(session.config.option, "tx", None) and not hasattr(session.config, "workerinput")
-    if not side_by_side or any((ROOT / "ph_post").rglob("*.nbi")):
-        return
-    print("compiling, once: about a minute ...", flush=True)  # noqa: T201
-    with tempfile.TemporaryDirectory() as folder:
-        shutil.copy(ROOT / "samples" / "programs" / "pocket.ngc", folder)
-        Path(folder, "circle.ngc").write_text("G21 G90\nG0 X20 Y0\nG3 I-20 F1200\nM2\n")
-        rows = [
-            subprocess.Popen(
-                "; ".join(f"{shlex.quote(sys.executable)} -m ph_post {words}" for words in row),
-                shell=True,
-                cwd=folder,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
-            for row in COMPILING
-        ]
-        for one in rows:
-            one.wait()
 
 
 @pytest.hookimpl(optionalhook=True)

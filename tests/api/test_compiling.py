@@ -296,3 +296,62 @@ def test_what_the_installation_brings_is_found_where_it_cannot_be_written(toy, t
     assert found.whole(2) == 17.0  # of another type, which nobody had needed
     assert compiled_anew(found.whole) == 1
     assert list((tmp_path / "home").rglob("*.nbc"))
+
+
+@pytest.fixture
+def hook(monkeypatch, tmp_path):
+    """The build's hook in a folder whose package compiles one function, and a list of what it warns of."""
+
+    class Interface:
+        def __class_getitem__(cls, _):
+            return cls
+
+    plugin = types.ModuleType("hatchling.builders.hooks.plugin.interface")
+    plugin.BuildHookInterface = Interface
+    for name in ("hatchling", "hatchling.builders", "hatchling.builders.hooks", "hatchling.builders.hooks.plugin"):
+        monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
+    monkeypatch.setitem(sys.modules, plugin.__name__, plugin)
+    spec = importlib.util.spec_from_file_location("hatch_build", PACKAGE.parent / "hatch_build.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    package = tmp_path / "clone" / "ph_post"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "double.py").write_text("import numba\n@numba.njit(cache=True)\ndef double(x):\n    return 2 * x\n")
+    (package / "__main__.py").write_text("import sys\nfrom ph_post.double import double\ndouble(int(sys.argv[1]))\n")
+    one, warnings = module.CompilingHook(), []
+    one.root, one.app = str(tmp_path / "clone"), types.SimpleNamespace(display_warning=warnings.append)
+    return module, one, package, warnings
+
+
+@pytest.mark.parametrize("version", ["standard", "editable"])
+def test_a_build_brings_compiled_code(version, hook, monkeypatch):
+    module, one, package, warnings = hook
+    monkeypatch.setattr(module, "COMMANDS", ("1",))
+    build = {"force_include": {}}
+    one.initialize(version, build)
+    beside = {f"ph_post/__pycache__/{file.name}" for file in package.rglob("*.nb[ic]")}
+    brought = {inside for file, inside in build["force_include"].items() if Path(file).stat().st_size > 100}
+    stem = "ph_post/__pycache__/double.double-2.py{}{}{}".format(*sys.version_info[:2], getattr(sys, "abiflags", ""))
+    named = {f"{stem}.nbi", f"{stem}.1.nbc"}
+    assert (beside, brought) == ((named, set()) if version == "editable" else (set(), named))
+    one.finalize(version, build, "")
+    assert not any(Path(file).exists() for file in build["force_include"])
+    assert warnings == []
+
+
+def test_a_build_that_cannot_compile_says_so_and_goes_on(hook, monkeypatch):
+    module, one, _, warnings = hook
+    monkeypatch.setattr(module, "COMMANDS", ("no-number",))
+    one.initialize("standard", {"force_include": {}})
+    (said,) = warnings
+    assert "not all code is compiled in advance" in said
+    assert "invalid literal for int() with base 10: 'no-number'" in said
+
+
+def test_the_commands_of_a_build_are_those_of_this_package(hook):
+    module, *_ = hook
+    for command in module.COMMANDS:
+        words = command.split()
+        assert words[0] == "convert"
+        assert all((PACKAGE.parent / word).is_file() for word in words if "/" in word)
