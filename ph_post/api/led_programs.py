@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis, analyse
 from ph_post.api.results import ProgramMotion
-from ph_post.compensate.friction import friction_of
+from ph_post.compensate.friction import gentlest_approach
 from ph_post.compensate.offsets import APPROACH_FEED, LOST_MOTIONS, command_of, lead_in, make_jog, may_shift
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
@@ -45,9 +45,6 @@ CHORD_BLOCKS: Final = 4.0
 
 REST: Final = 8.0
 """How long the path rests before it is led, in units of the servo's √b: a lag of the approach falls to some 0.3 %."""
-
-RUN_ON: Final = 0.05
-"""Part of its backlash by which a table may run on where its motor stops at the end of an approach."""
 
 SHARE: Final = 0.5
 """Part of the time allowed that these rests may take; where they take more there are none."""
@@ -257,11 +254,7 @@ def _begins(plan: Plan) -> float:
 
 
 def _approaches(program: PartProgram, plan: Plan, stretch: LeadStretch) -> tuple[Approach, ...]:
-    """Return how axes come onto their sides in the air; none where the first line behind the rapid is no move there.
-
-    A table that the motor stops pushing runs on in its backlash: the speed is one from which its friction, where that
-    is known, stops it within a small part of that.
-    """
+    """Return how axes come onto their sides in the air; none where the first line behind the rapid is no move there."""
     motions, first = program.motions, stretch.first
     begin = first if stretch.after_rapid is None else stretch.after_rapid
     between, low = slice(begin, max(first, begin + 1)), section_spans(motions)[0]
@@ -276,10 +269,8 @@ def _approaches(program: PartProgram, plan: Plan, stretch: LeadStretch) -> tuple
         if not own or not rests[AXES.index(name)] or not may_shift(axis):
             continue
         offset = plan.bias.get(name, 0.0) + sum(one.travel for one in own)
-        way, friction = math.copysign(LOST_MOTIONS * axis.gap.lost_motion, own[-1].travel), friction_of(axis)
-        speed = make_jog(axis, way, 0.0, APPROACH_FEED).velocity
-        if friction is not None and friction.size:
-            speed = min(speed, math.sqrt(2.0 * RUN_ON * axis.gap.lost_motion * friction.size / axis.servo.b))
+        way = math.copysign(LOST_MOTIONS * axis.gap.lost_motion, own[-1].travel)
+        speed = make_jog(axis, way, 0.0, min(APPROACH_FEED, gentlest_approach(axis))).velocity
         found.append(Approach(axis=name, beyond=offset - way, offset=offset, speed=speed))
     return tuple(found)
 

@@ -36,6 +36,10 @@ HELD: Final = 0.2
 """Part of the friction with which the motor is brought through the backlash where nothing else is asked for."""
 
 
+RUN_ON: Final = 0.05
+"""Part of its backlash by which a table may run on where its motor stops behind an approach."""
+
+
 class Friction(msgspec.Struct, frozen=True, kw_only=True):
     """Friction and load of an axis, as position errors.
 
@@ -115,6 +119,31 @@ def friction_of_machine(machine: Machine, axes: Sequence[str]) -> dict[str, Fric
     """Return the friction of the axes that have some."""
     found = {name: friction_of(machine.axes[name]) for name in axes}
     return {name: one for name, one in found.items() if one is not None}
+
+
+def gentlest_approach(axis: Axis) -> float:
+    """Return the speed [m/s] from which its friction stops a table that nothing pushes any more, before it runs on.
+
+    It stops within :data:`RUN_ON` of its backlash. Infinite where the friction is not known. Where it is small and a
+    motor brakes harder, the table flies through its backlash, onto the other side.
+
+    Examples
+    --------
+    >>> from ph_post.drive.machinefile import read_machine
+    >>> gentlest_approach(read_machine("router").axes["X"])
+    inf
+    >>> round(gentlest_approach(read_machine("old_mill").axes["X"]), 4)
+    0.001
+    """
+    return math.sqrt(2.0 * RUN_ON * axis.gap.lost_motion * friction_brakes(axis))
+
+
+def friction_brakes(axis: Axis) -> float:
+    """Return the deceleration [m/s²] by which all of its friction stops an axis; infinite where it is not known."""
+    friction = friction_of(axis)
+    if friction is None or not friction.size or not axis.servo.b:
+        return math.inf
+    return min(friction.plus, friction.minus) / axis.servo.b or math.inf
 
 
 def friction_share(friction: Friction, turned: Array, speed: Array) -> Array:

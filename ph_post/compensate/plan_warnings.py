@@ -8,9 +8,10 @@ from typing import Final
 
 import numpy as np
 
+from ph_post.compensate.friction import friction_brakes
 from ph_post.compensate.layout import Layout
 from ph_post.compensate.limit_curve import UNBOUNDED, LimitCurve
-from ph_post.compensate.offsets import lead_in
+from ph_post.compensate.offsets import lead_in, may_shift
 from ph_post.drive.axes import backlash_varies
 from ph_post.geometry.numeric import runs
 from ph_post.quantities import millimetres
@@ -26,6 +27,9 @@ _NUMBERS = 8
 _ROOM = 0.05
 """Relative margin of a slowdown that a warning suggests."""
 
+
+SAFE: Final = 0.9
+"""Part of the acceleration at which a table runs on that is advised."""
 
 PASSED_SLOWER: Final = "passed with less feed for their error"
 """Stands in the warning of turning points whose error less feed makes smaller."""
@@ -139,7 +143,7 @@ def offset_warnings(machine: Machine, layout: Layout) -> list[str]:
     return [
         *lead_in_warnings(begin, [one.axis for one in layout.crossings if one.start == 0.0]),
         *friction_warnings(shifted, machine.tool or "cutter"),
-        *varying_backlash_warnings(machine.axes[name] for name in sorted(shifted)),
+        *side_warnings(machine.axes[name] for name in sorted(shifted)),
     ]
 
 
@@ -259,13 +263,33 @@ def friction_warnings(shifted: Iterable[str], tool: Tool = "cutter", *, climbs: 
     return [said + cut if tool == "cutter" and climbs else said]
 
 
-def varying_backlash_warnings(axes: Iterable[Axis]) -> list[str]:
-    """Warn of axes with a lasting offset whose backlash changes along the travel."""
-    return [
+def side_warnings(axes: Iterable[Axis]) -> list[str]:
+    """Warn of axes whose lasting offset does not hold all along.
+
+    Their backlash changes along the travel, or their friction is too small to hold the table where the motor brakes.
+
+    Examples
+    --------
+    >>> from ph_post.drive.machinefile import read_machine
+    >>> side_warnings([read_machine("router").axes["X"]])
+    []
+    """
+    own = [axis for axis in axes if may_shift(axis)]
+    varies = [
         f"the backlash of axis {axis.name} changes along its travel, but its lasting offset does not"
-        for axis in axes
-        if not axis.loop.encloses_backlash and backlash_varies(axis)
+        for axis in own
+        if backlash_varies(axis)
     ]
+    return [*varies, *(_run_on_warning(axis) for axis in own if friction_brakes(axis) < axis.limits.acceleration)]
+
+
+def _run_on_warning(axis: Axis) -> str:
+    slows, safe = (float(f"{part * friction_brakes(axis) / MM:.2g}") for part in (1.0, SAFE))
+    return (
+        f"if the friction of axis {axis.name} is at its table, that runs on through its backlash where the motor "
+        f"brakes harder than {slows:g} mm/s², as behind rapids, and the part may come out worse; "
+        f"max_acceleration_mm_s2 = {safe:g} or less, in the controller too, prevents it"
+    )
 
 
 def point_warnings(said: Iterable[tuple[Sequence[int], str]]) -> list[str]:

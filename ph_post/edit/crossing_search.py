@@ -8,6 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.compensate.friction import gentlest_approach
 from ph_post.compensate.offsets import DWELL, make_jog
 from ph_post.drive.cascade import response_time
 from ph_post.edit.crossing_costs import CrossingCosts
@@ -221,6 +222,9 @@ class CrossingSearch:
         steady = bool(self.ground.beam.works.follows[motion]) and sign != 0.0 and not behind_rapid
         if not steady:
             velocity = min(velocity, reached) if velocity > 0.0 else make_jog(axis, longest, 0.0).velocity
+        approach = bool(behind_rapid and sign != 0.0)
+        if approach:
+            velocity = min(velocity, gentlest_approach(axis))
         shifts = tuple(
             OffsetShift(
                 axis=name,
@@ -231,7 +235,6 @@ class CrossingSearch:
             )
             for place, way in enumerate(ways)
         )
-        approach = bool(behind_rapid and sign != 0.0)
         rapid = approach and self.ground.beam.tool == "laser"
         stop = StopEdit(
             motion=motion,

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate.offsets import may_shift
-from ph_post.compensate.plan_warnings import friction_warnings, varying_backlash_warnings
+from ph_post.compensate.plan_warnings import friction_warnings, side_warnings
 from ph_post.dialects.base import Dialect
 from ph_post.edit.affordable import affordable_reversals
 from ph_post.edit.beams import BeamGuard, run_beside
@@ -64,7 +64,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     InputError
         Where the dialect's decimals are too few for an axis.
     """
-    said = tuple(varying_backlash_warnings(machine.axes[name] for name in moved_axes(program)))
+    said = tuple(side_warnings(machine.axes[name] for name in moved_axes(program)))
     nothing = Edits(offset=sealed(np.zeros((program.motions.kind.size, 3))), warnings=said)
     axes = [machine.axes[name] for name in AXES if name in machine.axes and may_shift(machine.axes[name])]
     if not axes or program.motions.kind.size == 0:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from msgspec.structs import replace
 
-from ph_post.compensate.plan_warnings import doubtful_values
+from ph_post.compensate.plan_warnings import doubtful_values, side_warnings
 from ph_post.drive.machinefile import read_machine
-from ph_post.types import Machine
+from ph_post.types import EffectSetting, Machine
 from ph_post.units import MM
 
 
@@ -34,3 +34,16 @@ def changed(lost: float | None = None, velocity: float | None = None) -> Machine
 )
 def test_numbers_that_look_like_another_unit_are_doubted(machine: Machine, said: list[str]) -> None:
     assert doubtful_values(machine, ["X"]) == said
+
+
+@pytest.mark.parametrize(("part", "warned"), [(0.4, True), (2.0, False)])
+def test_a_table_that_friction_does_not_hold_is_warned_of(part: float, warned: bool) -> None:
+    """A force that stops the whole axis at part of what its motor brakes with, as an error: m = b K, F / K = b a."""
+    axis = read_machine("router").axes["X"]
+    brakes = part * axis.limits.acceleration
+    error = {"following_error_mm": axis.servo.b * brakes / MM}
+    found = side_warnings([replace(axis, effects=(EffectSetting(name="coulomb_friction", parameters=error),))])
+    assert len(found) == warned
+    if warned:
+        assert f"brakes harder than {brakes / MM:g} mm/s²" in found[0]
+        assert f"max_acceleration_mm_s2 = {0.9 * brakes / MM:g} or less" in found[0]

@@ -19,7 +19,7 @@ from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.preconditions import written_offsets
 from ph_post.errors import InputError
 from ph_post.gcode.read import read_program
-from ph_post.types import Machine
+from ph_post.types import EffectSetting, Machine
 
 MM = 1e-3
 STEPPER = read_machine("stepper")
@@ -342,3 +342,20 @@ def test_axes_inside_their_loop_carry_nothing() -> None:
     edits = plan(START + "G1 X10\nX4\nM2\n", machine=read_machine("paper"))
     assert (edits.stops, edits.amplitude, edits.warnings) == ((), {}, ())
     assert not edits.offset.any()
+
+
+def test_an_approach_is_so_slow_that_friction_stops_the_table() -> None:
+    """A table that nothing pushes any more flies v²/2a: behind a stop at once that has to stay within its backlash."""
+    machine, brakes = read_machine("router"), 0.05
+    text = "G21 G90 G17 G94 G64 P0.005\nG0 X10 Y0\nG1 Z-1 F300\nG3 X10 Y0 I-10 J0 F900\nG0 Z5\nM2\n"
+    axis = machine.axes["X"]
+    error = {"following_error_mm": axis.servo.b * brakes / MM}
+    axis = replace(axis, effects=(EffectSetting(name="coulomb_friction", parameters=error),))
+    flights = {}
+    for name, one in (("free", machine), ("known", replace(machine, axes={**machine.axes, "X": axis}))):
+        stops = [stop for stop in plan(text, machine=one).stops if stop.approach]
+        speeds = [shift.velocity for stop in stops for shift in stop.shifts if shift.axis == "X"]
+        assert speeds
+        flights[name] = max(speeds) ** 2 / (2.0 * brakes)
+    assert flights["free"] > axis.gap.lost_motion
+    assert flights["known"] < 0.06 * axis.gap.lost_motion
