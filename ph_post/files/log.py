@@ -52,7 +52,7 @@ def read_log_file(
     """Read the file of a log; parameters and errors as :func:`ph_post.identify.logprogram.read_log`."""
     raw = source if isinstance(source, SourceBytes) else read_raw(source)
     ending = stored_ending(raw)
-    sheet = stored_sheet(raw, ending) if ending else text_sheet(decoded(raw))
+    sheet = stored_sheet(raw, ending) if ending else text_sheet(decoded(raw, foreign=True))
     mappings, taken = spread(columns, sheet)
     found, ignored = columns_of(sheet, parse_columns(mappings))
     names = _axes_of(found, sheet)

@@ -13,6 +13,7 @@ import numpy as np
 from ph_post.errors import InputError
 from ph_post.files.check import one_of, quoted
 from ph_post.files.logsheet import Sheet
+from ph_post.files.recorders import without_unit
 from ph_post.types import MACHINE_AXES, Array, IntArray
 from ph_post.units import MICROMETRE, MS, lengths_in
 
@@ -89,9 +90,14 @@ def columns_of(sheet: Sheet, mapped: Mapping[str, Column]) -> tuple[dict[str, Co
             )
     found = dict(mapped)
     claimed = {column.source for column in mapped.values()}
-    for name in sheet.names:
-        if name not in found and name not in claimed and _kind(name, sheet.header) is not None:
-            found[name] = Column(name=name, source=name, scale=_default(name))
+    for source in sheet.names:
+        name, unit = without_unit(source)
+        if name not in found and source not in claimed and (kind := _kind(name, sheet.header)) is not None:
+            if unit and unit not in _UNITS[kind]:
+                raise InputError(
+                    sheet.header, f"not a unit of {name}", expected=one_of(_UNITS[kind]), got=quoted(source)
+                )
+            found[name] = Column(name=name, source=source, scale=_UNITS[kind][unit] if unit else _default(name))
     used = {column.source for column in found.values()}
     for source in sorted(used):
         if sheet.names.count(source) > 1:

@@ -12,6 +12,7 @@ References
 ----------
 .. [1] LinuxCNC, halsampler(1) and sampler(9), and src/hal/components/sampler_usr.c of its source.
 .. [2] MATLAB: MAT-File Format, The MathWorks; chapter 1, "Level 5 MAT-File Format".
+.. [3] LinuxCNC, src/hal/utils/scope_files.c of its source, write_log_file.
 """
 
 from __future__ import annotations
@@ -252,7 +253,8 @@ _ROW: Final = re.compile(r'[-+0-9.,;eE\s"]*[0-9][-+0-9.,;eE\s"]*')
 def text_sheet(source: SourceText) -> Sheet:
     """Find remarks, header and rows of a log.
 
-    Cells are separated by semicolons, tabs, commas or blanks, whichever the first line has, in this order.
+    Cells are separated by semicolons, tabs, commas or blanks, whichever the first line has, in this order. Between
+    semicolons or tabs numbers may have decimal commas. What ``halscope`` of LinuxCNC [3]_ saves is read, too.
 
     Raises
     ------
@@ -263,6 +265,7 @@ def text_sheet(source: SourceText) -> Sheet:
     lines = source.text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if scope_header(lines) is not None:
         return scope_sheet(source, lines)
+    lines = _labelled(lines)
     remarks = [line.strip() for line in lines if line.lstrip().startswith(REMARK)]
     kept = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(REMARK)]
     if not kept:
@@ -290,8 +293,17 @@ def text_sheet(source: SourceText) -> Sheet:
     )
 
 
-_SCOPE: Final = "SampleTime[ms]"
-"""Begin of a line that every export of TwinCAT Scope has, before the first row."""
+_SCOPE: Final = ("sampletime[ms]", "starttime of export")
+"""Begins of lines of which an export of TwinCAT Scope has one before the first row, in lower case."""
+
+_SCOPE_TIME: Final = "time"
+"""Name that its times are given."""
+
+_SCOPE_UNITS: Final = ("m", "um", "µm", "inch", "in")
+"""Units of lengths that are told beside the name of a channel; millimetres are what is taken without."""
+
+_SCOPE_STEPS: Final = 1e3
+"""Times of groups are compared in steps of 1 ms over this."""
 
 _SCOPE_HEAD: Final = 80
 """Lines in which it is."""
@@ -304,9 +316,96 @@ def scope_header(lines: Sequence[str]) -> int | None:
     """Return the number of the line from which on TwinCAT Scope describes channels; None for other texts."""
     head = lines[:_SCOPE_HEAD]
     names = [k for k, line in enumerate(head) if re.match(r"Name[;,\t]", line)]
-    if not names or not any(line.startswith(_SCOPE) for line in head):
+    if len(names) < 2 or not any(line.lower().startswith(_SCOPE) for line in head):
         return None
     return names[-1]
+
+
+class _Scope:
+    """What TwinCAT Scope exports as text: channels in columns, each group of them behind a column of its times.
+
+    Groups have rows of their own: what was sampled less often ends sooner, or is filled up.
+    """
+
+    def __init__(self, source: SourceText, lines: Sequence[str]) -> None:
+        first = scope_header(lines) or 0
+        self.delimiter = next(one for one in "\t;," if f"Name{one}" in lines[first])
+        self.source = source
+        self.header = f"{source.name}:{first + 1}"
+        described = {
+            cells[0]: [one.strip() for one in cells]
+            for cells in (line.split(self.delimiter) for line in lines[first : first + _SCOPE_HEAD])
+        }
+        names, symbols, units = (described.get(key, []) for key in ("Name", "SymbolName", "Unit"))
+        clocks = [k for k, name in enumerate(names) if name == "Name"]
+        self.places: dict[str, int] = {}
+        self.clocks: dict[str, int] = {}
+        for k, name in enumerate(names):
+            if k in clocks or not name:
+                continue
+            symbol = symbols[k] if k < len(symbols) and symbols.count(symbols[k]) == 1 else ""
+            unit = units[k].partition(" ")[0] if k < len(units) else ""
+            plain = (symbol or name) + (f" [{unit}]" if unit in _SCOPE_UNITS else "")
+            self.places.setdefault(plain, k)
+            self.clocks.setdefault(plain, max(one for one in clocks if one < k))
+        self.rows = [k for k in range(first, len(lines)) if re.match(r"\s*-?[0-9]", lines[k])]
+        self.body = [lines[k] for k in self.rows]
+        self.kept = np.arange(len(self.body))
+
+    def where(self, row: int) -> str:
+        """Return the place of a row."""
+        return f"{self.source.name}:{self.rows[int(self.kept[row])] + 1}"
+
+    def load(self, wanted: Sequence[str]) -> dict[str, Array]:
+        """Read channels where all of them were sampled, and these times in milliseconds as `time`."""
+        channels = [name for name in wanted if name != _SCOPE_TIME]
+        groups = sorted({self.clocks[name] for name in channels} or set(self.clocks.values()))
+        times: dict[int, Array] = {}
+        values: dict[str, tuple[int, Array]] = {}
+        for clock in groups:
+            names = [name for name in channels if self.clocks[name] == clock]
+            table = self._table([clock, *(self.places[name] for name in names)])
+            fresh = np.diff(table[:, 0], prepend=-np.inf) > 0.0  # what is filled up says the same again
+            times[clock] = np.rint(_SCOPE_STEPS * table[fresh, 0]) if len(groups) > 1 else table[:, 0]
+            used = table[fresh] if len(groups) > 1 else table
+            values |= {name: (clock, used[:, k + 1]) for k, name in enumerate(names)}
+        common = times[groups[0]]
+        for clock in groups[1:]:
+            common = np.intersect1d(common, times[clock])
+        if 2 * common.size < min(one.size for one in times.values()):
+            what = "channels that were not sampled at the same times"
+            raise InputError(self.header, what, expected="one sampling time and one task for all that are used")
+        found = {}
+        for name, (clock, column) in values.items():
+            found[name] = column if len(groups) == 1 else column[np.searchsorted(times[clock], common)]
+        self.kept = np.arange(common.size) if len(groups) == 1 else np.searchsorted(times[groups[0]], common)
+        found[_SCOPE_TIME] = (common - common[0]) * 1e-4 if common.size and common[0] > _FILETIME else common
+        if len(groups) > 1 and not common[0] > _FILETIME:
+            found[_SCOPE_TIME] = common / _SCOPE_STEPS
+        return {name: found[name] for name in wanted}
+
+    def _table(self, places: list[int]) -> Array:
+        """Read the rows of some columns, as far as they go."""
+        low, high = 0, len(self.body)
+        while low < high:
+            middle = (low + high) // 2
+            cells = self.body[middle].split(self.delimiter, places[0] + 1)
+            there = len(cells) > places[0] and bool(cells[places[0]].strip())
+            low, high = (middle + 1, high) if there else (low, middle)
+        comma = self.delimiter != ","
+        body = (line.replace(",", ".") if comma else line for line in self.body[:low])
+        try:
+            return np.loadtxt(body, delimiter=self.delimiter, usecols=places, ndmin=2, comments=None)
+        except ValueError:
+            pass
+        for row, line in enumerate(self.body[:low]):
+            cells = line.split(self.delimiter)
+            for place in places:
+                cell = cells[place].strip() if place < len(cells) else ""
+                if not _NUMBER.fullmatch(cell.replace(",", ".") if comma else cell):
+                    what = "no number where the other rows have one"
+                    raise InputError(f"{self.source.name}:{self.rows[row] + 1}", what, got=quoted(cell))
+        raise InputError(self.source.name, "the rows cannot be read as numbers")
 
 
 def scope_sheet(source: SourceText, lines: Sequence[str]) -> Sheet:
@@ -314,60 +413,45 @@ def scope_sheet(source: SourceText, lines: Sequence[str]) -> Sheet:
 
     A block of lines describes the channels, in each a key where a column holds times and a value a channel;
     channels of one sampling time may share the times. Rows follow, perhaps with decimal commas, and ``EOF``.
+    Channels that were sampled at other times are taken where their times meet.
 
     Raises
     ------
     InputError
-        Where no row of numbers follows, or one has no number where the others have one.
+        As columns are loaded: where their times do not meet, or a cell holds no number.
     """
-    first = scope_header(lines) or 0
-    delimiter = next(one for one in "\t;," if f"Name{one}" in lines[first])
-    names = [cell.strip() for cell in lines[first].split(delimiter)]
-    symbols = next((one.split(delimiter) for one in lines[first:] if one.startswith(f"SymbolName{delimiter}")), [])
-    rows = [k for k in range(first, len(lines)) if re.match(r"\s*-?[0-9]", lines[k])]
-    body = [lines[k].split(delimiter) for k in rows]
-    clocks = [k for k, name in enumerate(names) if name == "Name"]
-    plain = ["time" if k in clocks else name for k, name in enumerate(names)]
-    for k, symbol in enumerate(symbols[: len(names)]):
-        if k not in clocks and symbol.strip():
-            plain[k] = symbol.strip()
-    used = [k for k, name in enumerate(plain) if name and (k == clocks[0] or k not in clocks)]
-
-    def where(row: int) -> str:
-        return f"{source.name}:{rows[row] + 1}"
-
-    def load(wanted: Sequence[str]) -> dict[str, Array]:
-        return {name: column(name, used[[plain[k] for k in used].index(name)]) for name in wanted}
-
-    def column(name: str, place: int) -> Array:
-        values = np.full(len(body), np.nan)
-        for row, cells in enumerate(body):
-            cell = cells[place].strip().replace(",", ".") if place < len(cells) else ""
-            try:
-                values[row] = float(cell or "nan")
-            except ValueError:
-                what = f"no number in column {quoted(name)}"
-                raise InputError(where(row), what, expected="a number", got=quoted(cell)) from None
-        if place == clocks[0] and values.size and values[0] > _FILETIME:
-            values = (values - values[0]) * 1e-4  # to milliseconds
-        return values
-
+    scope = _Scope(source, lines)
     return Sheet(
         name=source.name,
         stem=source.stem,
         digest=source.digest,
-        rows=len(body),
-        names=tuple(plain[k] for k in used),
-        load=load,
-        where=where,
-        header=f"{source.name}:{first + 1}",
+        rows=len(scope.body),
+        names=(_SCOPE_TIME, *scope.places),
+        load=scope.load,
+        where=scope.where,
+        header=scope.header,
     )
 
 
+_HALSCOPE: Final = re.compile(r"(?:# )?Sampling period is ([0-9]+) ns\s*")
+"""First line of what ``halscope`` saves; its older versions write the name before each value, and a row too many."""
+
+
+def _labelled(lines: list[str]) -> list[str]:
+    """Put the names of older versions of ``halscope`` into a header, line by line; other lines stay."""
+    if len(lines) < 3 or lines[0].startswith(REMARK) or not _HALSCOPE.fullmatch(lines[0]) or lines[1].strip():
+        return lines
+    last = max(k for k, line in enumerate(lines) if line.strip())
+    rows = [" ".join(line.split()[1::2]) for line in lines[2:last]]
+    return [f"{REMARK} {lines[0]}", " ".join(lines[2].split()[::2]), *rows]
+
+
 def _remarks(lines: Sequence[str]) -> dict[str, str]:
-    """Read the lines ``# key: value``; others are for people."""
+    """Read the lines ``# key: value``, and the period of ``halscope``; others are for people."""
     pairs = (line.lstrip("# ").partition(":") for line in lines)
-    return {key.strip(): value.strip() for key, colon, value in pairs if colon and key.strip()}
+    found = {key.strip(): value.strip() for key, colon, value in pairs if colon and key.strip()}
+    first = _HALSCOPE.fullmatch(lines[0]) if lines else None
+    return found if first is None else {"period": f"{int(first[1]) * 1e-9:.12g}"} | found
 
 
 def _delimiter(line: str) -> str | None:
@@ -421,6 +505,11 @@ class _TextRows:
                 return self._parsed(filled, places)
             except ValueError:
                 pass
+            if self.delimiter != "," and not any("." in line for line in self.body):  # 1.234,5 may be either
+                try:
+                    return self._parsed([line.replace(",", ".") for line in filled], places)
+                except ValueError:
+                    pass
         raise self._refusal(places)
 
     def _refusal(self, places: list[int]) -> InputError:
@@ -431,8 +520,12 @@ class _TextRows:
                 cell = cells[place]
                 if _NUMBER.fullmatch(cell) or (self.delimiter and not cell.strip()):
                     continue
-                comma = re.fullmatch(r"\s*[-+]?[0-9]*,[0-9]+\s*", cell)
-                what = "a decimal comma" if comma else f"no number in column {quoted(self.names[place])}"
+                comma = re.fullmatch(r"\s*[-+]?[0-9.]*,[0-9]+\s*", cell)
+                what = (
+                    "a decimal comma beside decimal points"
+                    if comma
+                    else f"no number in column {quoted(self.names[place])}"
+                )
                 expected = "numbers with a decimal point"
                 return InputError(self.where(row), what, expected=expected, got=quoted(cell.strip()))
         return InputError(self.file, "the rows cannot be read as numbers")

@@ -172,7 +172,7 @@ def _own(recorder: Recorder, sheet: Sheet, factor: str) -> Iterator[tuple[str, s
     """Yield the columns of a recorder that are there: the name of each, and its mapping."""
     matched: dict[tuple[str, str], str] = {}
     for source in sheet.names:
-        plain, unit = _without_unit(source)
+        plain, unit = without_unit(source)
         if re.fullmatch(recorder.time, plain, re.IGNORECASE):
             yield "t", f"t={source}:{unit or recorder.time_unit}"
             continue
@@ -190,12 +190,12 @@ def _own(recorder: Recorder, sheet: Sheet, factor: str) -> Iterator[tuple[str, s
         axis = place if place in MACHINE_AXES else letters.get(place)
         if axis is None:
             continue
-        unit = _without_unit(source)[1]
+        unit = without_unit(source)[1]
         times = f"*{factor}" if factor and kind != "current" else ""
         yield f"{axis}_{kind}", f"{axis}_{kind}={source}{times}:{unit or ('A' if kind == 'current' else 'mm')}"
 
 
-def _without_unit(name: str) -> tuple[str, str]:
+def without_unit(name: str) -> tuple[str, str]:
     """Return a name without the unit in brackets behind it, and that unit as mappings write it."""
     found = _BRACKETS.search(name)
     unit = found[1].strip().lower() if found else ""

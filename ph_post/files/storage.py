@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import hashlib
 import os
@@ -78,8 +79,8 @@ def read_raw(source: str | os.PathLike[str]) -> SourceBytes:
         return SourceBytes(name=os.fspath(source), stem=file.stem, data=file.read_bytes())
 
 
-def decoded(raw: SourceBytes) -> SourceText:
-    """Return an input as text.
+def decoded(raw: SourceBytes, foreign: bool = False) -> SourceText:
+    """Return an input as text; a `foreign` one may also be UTF-16 or what Windows in the west of Europe writes.
 
     Raises
     ------
@@ -87,7 +88,7 @@ def decoded(raw: SourceBytes) -> SourceText:
         Where it is empty or not UTF-8.
     """
     name, stem, data = raw.name, raw.stem, raw.data
-    text = _decode(data, name)
+    text = _decode(data, name, foreign)
     if not text.strip():
         raise InputError(name, "the file is empty")
     return SourceText(name=name, stem=stem, text=text, digest=hashlib.sha256(data).hexdigest())
@@ -108,10 +109,14 @@ def reading_errors(file: pathlib.Path) -> Iterator[None]:
         raise InputError(repr(os.fspath(file)), "is not a file name", got=str(error)) from None
 
 
-def _decode(data: bytes, name: str) -> str:
+def _decode(data: bytes, name: str, foreign: bool) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        other = "utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "cp1252"
+        with contextlib.suppress(UnicodeDecodeError):
+            if foreign and (other == "utf-16" or b"\0" not in data):
+                return data.decode(other)
         before = data[: error.start]
         line = before.count(b"\n") + 1
         column = error.start - before.rfind(b"\n")

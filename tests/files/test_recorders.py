@@ -102,3 +102,71 @@ def test_unknown_recorders_and_columns_are_refused(written: Callable[[str], Path
         read_log(text, columns=["recorder=twinkat"])
     with pytest.raises(InputError, match="no commands or positions of twincat among the columns; got t, a, b"):
         read_log(text, columns=["recorder=twincat"])
+
+
+def scope(groups: list[tuple[str, float, float, np.ndarray]], unit: str = "(None)") -> str:
+    """Write channels (name, sampling time, first time [ms], values) as TwinCAT Scope 3.4 does with a German Windows."""
+    keys = {"Name": 0, "SampleTime[ms]": 1, "Unit": None}
+    lines = ["Name\tScope Project", "File\tC:\\run.svdx", "Starttime of export\t132959733843760000", "", ""]
+    for key, place in keys.items():
+        lines.append("\t".join(f"{key}\t{unit if place is None else one[place]}" for one in groups))
+    lines.append("")
+    for row in range(max(one[3].size for one in groups)):
+        cells = [(one[2] + one[1] * row, one[3][row]) if row < one[3].size else ("", "") for one in groups]
+        lines.append("\t".join(f"{time}\t{value}" for time, value in cells).replace(".", ","))
+    return "\n".join([*lines, "EOF", ""])
+
+
+def test_channels_of_twincat_have_times_of_their_own(written: Callable[[str], Path]) -> None:
+    """Taken row by row a reading that was begun 4 ms later, or sampled twice as often, would belong to another time."""
+    fine = 10.0 * np.sin(2.0 * (0.001 * np.arange(600) - 0.006))
+    groups = [("Axis 1.SetPos", 2, 0, AT), ("Axis 1.ActPos", 1, 0, fine)]
+    is_that_motion(read_log(written(scope(groups))))
+    log = read_log(written(scope([groups[0], ("Axis 1.ActPos", 2, 4, LATE[2:])])))
+    assert log.axes["X"].table == pytest.approx(LATE[2:] / 1e3, abs=1e-9)
+    assert log.axes["X"].command == pytest.approx(AT[2:] / 1e3, abs=1e-9)
+    with pytest.raises(InputError, match="channels that were not sampled at the same times"):
+        read_log(written(scope([groups[0], ("Axis 1.ActPos", 2, 1, LATE)])))
+
+
+def test_units_of_twincat_hold(written: Callable[[str], Path]) -> None:
+    groups = [("Axis 1.SetPos", 2, 0, AT / 1e3), ("Axis 1.ActPos", 2, 0, LATE / 1e3)]
+    is_that_motion(read_log(written(scope(groups, "m (Distance)"))))
+
+
+def test_an_export_of_twincat_with_names_alone(written: Callable[[str], Path]) -> None:
+    head = "Name,Scope\nFile,a.svdx\nStarttime of export,132959733843760000\n\nName,Axis 1 SetPos,Name,Axis 1 ActPos\n"
+    is_that_motion(read_log(written(table(head, columns(1e3 * T, AT, 1e3 * T, LATE)))))
+
+
+@pytest.mark.parametrize("comma", [False, True])
+def test_what_halscope_saves(written: Callable[[str], Path], comma: bool) -> None:
+    """Of LinuxCNC 2.9: the numbers are those of the locale, and lines of settings follow the names."""
+    rows = "\n".join(f"{one:.14f};{late:.14f}" for one, late in zip(AT, LATE, strict=True))
+    head = "# Sampling period is 2000000 ns\njoint.0.motor-pos-cmd;joint.0.motor-pos-fb\n# Position: 0.5;0.5\n"
+    is_that_motion(read_log(written(head + (rows.replace(".", ",") if comma else rows))))
+
+
+def test_what_halscope_saved_before(written: Callable[[str], Path]) -> None:
+    """Each value stood behind its name, and behind the last sample one that was none."""
+    rows = [
+        f"joint.0.motor-pos-cmd {one:+.14f} joint.0.motor-pos-fb {late:+.14f} "
+        for one, late in zip([*AT, 99.0], [*LATE, -99.0], strict=True)
+    ]
+    is_that_motion(read_log(written("Sampling period is 2000000 ns \n\n" + "\n".join(rows))))
+
+
+@pytest.mark.parametrize("coding", ["utf-8", "utf-16", "cp1252"])
+def test_what_a_german_office_saves(tmp_path: Path, coding: str) -> None:
+    rows = "\n".join(
+        f"{one:.4f};{at:.9f};{late:.9f}".replace(".", ",") for one, at, late in zip(T, AT, LATE, strict=True)
+    )
+    (tmp_path / "run.csv").write_text(f"# Maß: Tisch\nt [s];X_cmd [mm];X_act [mm]\n{rows}\n", encoding=coding)
+    is_that_motion(read_log(tmp_path / "run.csv"))
+
+
+def test_units_behind_names(written: Callable[[str], Path]) -> None:
+    text = table("t [ms],X_cmd [inch],X_act [inch]", columns(1e3 * T, AT / 25.4, LATE / 25.4))
+    is_that_motion(read_log(written(text)))
+    with pytest.raises(InputError, match=r'not a unit of X_cmd; expected .*; got "X_cmd \[A\]"'):
+        read_log(written(text.replace("X_cmd [inch]", "X_cmd [A]")))
