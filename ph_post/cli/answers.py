@@ -159,16 +159,30 @@ class Gain(Quantity):
 
     def __init__(self, noun: str, hertz: bool = False) -> None:
         units = {"/s": 1.0, "1/s": 1.0, "m/min/mm": 1e3 / MINUTE} | ({"hz": math.tau} if hertz else {})
-        super().__init__(noun, units, "/s", "/s", 0.1, 1e5)
+        bare = "/s" if hertz else None  # K_v of 2.4 is m/min/mm at Siemens and Heidenhain
+        super().__init__(noun, units, bare, "/s", 0.1, 1e5)
         self.pattern = re.compile(rf"({_NUMBER})\s*(1?/s|m/min/mm|hz)?", re.IGNORECASE)
 
 
+MOST_WEIGHT: Final = 2.0
+"""Numbers up to this may be a weight where percent are asked for."""
+
+
 class Percentage(Quantity):
-    """A part in percent: ``95 %``, ``95``."""
+    """A part in percent: ``95 %``, ``95``; up to 2 with its sign alone, as it may be a weight where 1 is 100 %."""
 
     def __init__(self, noun: str, high: float) -> None:
         super().__init__(noun, {"%": 1.0}, "%", "%", 0.0, high)
         self.pattern = re.compile(rf"({_NUMBER})\s*(%)?")
+
+    def read(self, text: str, where: str) -> float:
+        """Return the number in percent."""
+        value = super().read(text, where)
+        if 0.0 < value <= MOST_WEIGHT and "%" not in text:
+            raise InputError(
+                where, "a weight or percent?", expected=f"{100.0 * value:g}% or {value:g}%", got=_shown(text)
+            )
+        return value
 
 
 class Ratio(AnswerKind):

@@ -93,7 +93,8 @@ def settings_of(source: str) -> Settings:
         "axes": {"": "".join(axis for axis in found.speed if axis in found.acceleration) or "XYZ"},
     }
     for key, by_axis_name in found.gains.items():
-        settings[key] = {axis: f"{value:.7g}" for axis, value in by_axis_name.items()}
+        unit = {"position_gain": "/s", "feedforward": "%"}.get(key, "")
+        settings[key] = {axis: f"{value:.7g}{unit}" for axis, value in by_axis_name.items()}
     if found.servo_period is not None:
         settings["servo_period"] = {"": f"{found.servo_period:.7g}ms"}
     if found.notes:

@@ -107,6 +107,12 @@ def _linuxcnc(ini: Ini, name: str) -> ControllerSettings:
         return found
 
     gains, notes = _pid_gains(_pids_of(ini, places, name), unit)
+    there = {section for section, _ in ini}
+    notes += tuple(
+        f"no [{joint}], and no [{own}]: nothing of {axis} is taken from it"
+        for axis, (own, joint) in places.items()
+        if not there & {own, joint}
+    )
     period = ini.get(("EMCMOT", "SERVO_PERIOD"))
     mode = _STARTUP.search(ini.get(("RS274NGC", "RS274NGC_STARTUP_CODE"), ""))
     return ControllerSettings(
@@ -203,6 +209,8 @@ def _pid_gains(pids: Mapping[str, Pid], unit: float) -> tuple[dict[str, dict[str
     for axis, pid in pids.items():
         own = pid.get("P", 0.0)
         if own <= 0.0:
+            if "P" in pid:
+                notes.append(f"{axis}: P of its pid is {own:g}, which holds no position: its gains are left out")
             continue
         if 0.0 < pid.get("MAX_OUTPUT", 0.0) < pid.get("MAX_VELOCITY", 0.0):
             notes.append(f"{axis}: MAX_OUTPUT is below MAX_VELOCITY: pid's output is no speed, its gains are left out")

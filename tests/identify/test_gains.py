@@ -85,6 +85,24 @@ def test_pid_of_an_ini_file(tmp_path: Path) -> None:
     assert [note[0] for note in notes] == ["Y", "Z"]
 
 
+def test_what_an_ini_file_lacks_is_said(tmp_path: Path) -> None:
+    ini = tmp_path / "mill.ini"
+    ini.write_text(INI.partition("[JOINT_1]")[0].replace("P = 50", "P = -50").replace("XYZ", "XY"))
+    _, notes = written(ini)
+    assert notes == [
+        "X: P of its pid is -50, which holds no position: its gains are left out",
+        "no [JOINT_1], and no [AXIS_Y]: nothing of Y is taken from it",
+    ]
+
+
+def test_little_is_fed_forward(tmp_path: Path) -> None:
+    ini = tmp_path / "mill.ini"
+    ini.write_text(INI.replace("FF1 = 0.95", "FF1 = 0.01").replace("D = 0.25", ""))
+    cascade = written(ini)[0].machine.axes["X"].servo.cascade
+    assert cascade is not None
+    assert cascade.velocity_feedforward == pytest.approx(0.01)
+
+
 def test_pid_of_a_hal_file(tmp_path: Path) -> None:
     hal = tmp_path / "mill.hal"
     hal.write_text("setp pid.x.Pgain 35\nsetp pid.x.FF1 1.0\nsetp pid.1.Pgain 30\nsetp spindle.Pgain 7\n")
@@ -139,11 +157,16 @@ BAD = {
     "--feedforward 95": (
         "--feedforward: belongs to a cascade, which this machine has not; expected --position-gain as well; got '95'"
     ),
-    "--position-gain 40 --following-error 40/s": (
+    "--position-gain 40/s --following-error 40/s": (
         "--following-error: the cascade of axis X has one of its own; expected --position-gain alone"
     ),
     "--position-gain 40mm": (
-        "--position-gain: not understood; expected a position gain from 0.1 to 100000 /s; got '40mm'"
+        "--position-gain: not understood; expected a position gain with its unit, such as 10/s from 0.1 to 100000 /s;"
+        " got '40mm'"
+    ),
+    "--position-gain 2.4": "--position-gain: the unit is missing; expected one of /s, 1/s, m/min/mm; got '2.4'",
+    "--position-gain 40/s --feedforward 0.95": (
+        "--feedforward: a weight or percent?; expected 95% or 0.95%; got '0.95'"
     ),
 }
 
