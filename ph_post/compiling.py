@@ -192,11 +192,11 @@ def _keep(fast: Any) -> None:
 def _stamp(function: Callable[..., Any]) -> str:
     """Return the digest of all that may be in a function's compiled code.
 
-    Those are the text of its file, the numbers which that takes from other files, and the texts and numbers of the
-    files from which it takes compiled functions.
+    Those are the text of its file, the numbers which that takes from other files, the texts and numbers of the files
+    from which it takes compiled functions, and whether bounds of arrays are checked (NUMBA_BOUNDSCHECK).
     """
     texts = {__name__: Path(__file__).read_bytes()}
-    facts: list[str] = []
+    facts = [repr(settings.BOUNDSCHECK)]
     _gather(function.__globals__, texts, facts)
     return hashlib.sha256(repr((sorted(texts.items()), facts)).encode()).hexdigest()
 

@@ -218,6 +218,15 @@ def test_code_is_used_again_until_anything_that_is_in_it_changes(file, old, new,
     assert compiled_anew(changed.whole) == 1
 
 
+def test_code_that_checks_bounds_is_other_code(toy, tmp_path, monkeypatch):
+    assert toy().whole(1.0) == 14.0
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "checked"))
+    monkeypatch.setattr(config, "BOUNDSCHECK", 1)
+    checked = toy()
+    assert checked.whole(1.0) == 14.0
+    assert compiled_anew(checked.whole) == 1
+
+
 def test_nothing_that_compiled_code_takes_from_elsewhere_is_missed():
     """Whatever a compiled function names is a number, a table, a compiled function, or no part of this package."""
     named = set()
