@@ -55,8 +55,8 @@ def test_defects_are_read_and_named_and_not_refused():
     ("rate", "least"),
     [
         ("compensated", 0.95),
-        ("rms_five_times_down", 0.89),
-        ("p95_five_times_down", 0.89),
+        ("rms_five_times_down", 0.9),
+        ("p95_five_times_down", 0.9),
         ("within_ten_percent_of_time", 1.0),
         ("restored", 1.0),
     ],

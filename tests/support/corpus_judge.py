@@ -66,8 +66,8 @@ _SWITCHES = re.compile(r"^[^(;\n]*\bM4(?:28|29|30)\b", re.MULTILINE | re.IGNOREC
 
 _UNDOTTED = re.compile(r"([XYZIJKR])([-+]?\d+)(?![\d.])")
 
-_UNREAD = re.compile(r"#.*|^\s*(?:M117|PROG|END|O\d|%|\$).*|[A-Z](?=\s*(?:[A-Z]|$))", re.MULTILINE)
-"""Text, numbers of programs and letters without numbers."""
+_UNREAD = re.compile(r"#.*|^\s*(?:M117|M20[1-5]|PROG|END|O\d|%|\$).*|[A-Z](?=\s*(?:[A-Z]|$))", re.MULTILINE)
+"""Text, limits of printers, which name axes, numbers of programs and letters without numbers."""
 
 
 class Judged(NamedTuple):
