@@ -9,6 +9,7 @@ acceleration (a scale, a late reading, a spring).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Final
 
 import msgspec
@@ -128,6 +129,10 @@ def gap_between(problem: AxisProblem) -> SidesGap | None:
     rounded = [rounding_of(one, problem.speed, use) for one in (table, motor)]
     rounded = [one._replace(size=one.size / size) for one in rounded]
     error = float(np.sqrt(block_covariance(jacobian, rest / size, number, rounded=rounded)[0, 0]))
+    if slows < HELD:
+        # A table slides less simply than it is reckoned to, in all blocks alike: what its parts of the motion ask for
+        # differs by as much.
+        error = float(np.hypot(error, width * _spread(problem, none - rest, rest, use)))
     return SidesGap(
         width=width,
         error=error,
@@ -164,13 +169,26 @@ def coast(motor: Array, gap: float, slows: float, period: float) -> Array:
     return found
 
 
-def _agrees(problem: AxisProblem, adds: Array, rest: Array, use: BoolArray) -> bool:
-    """Return whether the gap has one size in slow and quick motion, at all places and times."""
+def _parts(problem: AxisProblem, adds: Array, rest: Array, use: BoolArray) -> Iterator[tuple[Array, Array]]:
+    """Yield of every way to divide a motion how much of a gap its parts hold, and by which part they ask for more."""
     total = float(adds @ adds)
     for names, kinds in regimes(problem):
         kind = kinds[use] + 1
         own = np.bincount(kind, weights=adds * adds, minlength=len(names) + 1)[1:]
         fits = np.bincount(kind, weights=adds * rest, minlength=len(names) + 1)[1:]
-        if np.any(np.abs(fits[own > LEAST * total]) > MOST * own[own > LEAST * total]):
-            return False
-    return True
+        counts = own > LEAST * total
+        yield np.asarray(own[counts], dtype=np.float64), np.asarray(fits[counts] / own[counts])
+
+
+def _agrees(problem: AxisProblem, adds: Array, rest: Array, use: BoolArray) -> bool:
+    """Return whether the gap has one size in slow and quick motion, at all places and times."""
+    return all(bool(np.all(np.abs(more) <= MOST)) for _, more in _parts(problem, adds, rest, use))
+
+
+def _spread(problem: AxisProblem, adds: Array, rest: Array, use: BoolArray) -> float:
+    """Return by which part a gap differs from part to part of a motion, root mean square, where that is the most."""
+    return max(
+        float(np.sqrt(np.average((more - np.average(more, weights=own)) ** 2, weights=own)))
+        for own, more in _parts(problem, adds, rest, use)
+        if own.size
+    )

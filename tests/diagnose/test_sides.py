@@ -86,13 +86,16 @@ def test_the_gap_is_sized_whatever_the_servo_does(gap: float) -> None:
     assert found.after < 0.3 * UM
 
 
-@pytest.mark.parametrize(("gap", "friction"), [(8.0, 0.15), (25.0, 0.06)])
+@pytest.mark.parametrize(("gap", "friction"), [(8.0, 0.15), (25.0, 0.06), (12.0, 0.05)])
 def test_a_table_on_easy_guideways_runs_on_across_its_gap(gap: float, friction: float) -> None:
     """Between stops 2 F / k farther apart; the motor brakes by up to 0.7 m/s²."""
     log, machine = logged(gap * UM, friction=friction)
     found = gap_between(problem(log, machine))
     assert found is not None
-    assert found.width == pytest.approx(gap * UM + 2.0 * friction / (2.0 * np.pi * 200.0) ** 2, rel=0.05)
+    true = gap * UM + 2.0 * friction / (2.0 * np.pi * 200.0) ** 2
+    assert found.width == pytest.approx(true, rel=0.05)
+    # The table slides less simply than it is reckoned to: the error knows.
+    assert abs(found.width - true) < 2.0 * found.error < 0.05 * true
     assert found.slows == pytest.approx(friction, rel=0.3)
 
 
