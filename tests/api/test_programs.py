@@ -230,6 +230,7 @@ def test_what_is_counted_over_a_whole_program_has_none_of_it_refused():
 
 
 @pytest.mark.parametrize("lines", [1, 2])
+@pytest.mark.thinned(2)
 def test_one_change_that_does_not_pass_leaves_the_motions_about_it_alone(monkeypatch, lines):
     """Of a zigzag of 60 strokes the checker refuses one or two: a table with play follows the rest."""
     strokes = [f"G1 X{60.0 * (n % 2) + 0.3 * n:.1f} Y{2.0 * n:.1f} F1200" for n in range(1, 61)]
