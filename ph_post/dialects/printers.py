@@ -24,7 +24,7 @@ _EXTRUDED: Final = re.compile(rb"[Ee][ \t]*[-+]?[0-9.]*")
 _MOVE: Final = re.compile(rb"(?:[ \t]*[A-Za-z][ \t]*[-+]?(?:\d+\.?\d*|\.\d+))*[ \t]*(?:\*\d+[ \t]*)?")
 _SECOND: Final = re.compile(rb"[GMTgmt][ \t]*\d")
 _SETS: Final = re.compile(rb"F|G[ \t]*0*(?:2[01]|9[0-2])(?!\d)")
-_BLANKS: Final = re.compile(rb"[ \t]+")
+_BLANK: Final = re.compile(rb"([ \t])")
 
 _PLAIN_COMMENT: Final = re.compile(rb"^[ \t]*\([^()]*\)[ \t]*$|\([^()A-Z]*\)[ \t]*$")
 """Text in parentheses that Marlin skips, built with PAREN_COMMENTS or without (parser.cpp): no command begins with one,
@@ -136,10 +136,14 @@ def _letters(rest: bytes) -> set[int]:
 
 
 def _doubted(code: bytes) -> bytes:
-    """Return a line that may be obeyed or not, as long as the text, or what one does to the modes at worst."""
-    words = bytes([DOUBTED]) + _BLANKS.sub(b"", _EXTRUDED.sub(b"", code))
-    if len(words) <= len(code) and b"(" not in code:
-        return words.ljust(len(code))
+    """Return a line that may be obeyed or not, or what one does to the modes at worst.
+
+    Its words stay where they are, but for those before the first blank, in whose place stands the mark: no feed.
+    """
+    words = _EXTRUDED.sub(lambda one: b" " * len(one[0]), code)
+    first, blank, rest = _BLANK.split(words, maxsplit=1) if _BLANK.search(words) else (words, b"", b"")
+    if blank and b"F" not in first.upper() and b"(" not in code:
+        return bytes([DOUBTED]) + first + rest
     return _marked(code, b"$ " if _SETS.search(code.upper()) else b"$@")
 
 

@@ -22,6 +22,9 @@ DECIMALS: Final = 5
 """Least decimals of a divided E: 10 nm of filament."""
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
+_ROOM: Final = 100
+"""Characters of the longest number that is divided."""
+
 _WORD: Final = re.compile(rb"[Ee][ \t]*(" + _NUMBER + rb")")
 _COMMAND: Final = re.compile(
     rb"^[ \t]*(?:[Nn]\d+[ \t]*)?([Gg]0*(?:[0-3]|9[012])|[Mm]0*8[23])(?![\d.])([^\r\n;]*)", re.MULTILINE
@@ -107,7 +110,7 @@ def filament_of(program: PartProgram) -> Mapping[int, Filament]:
 
 def _name(command: bytes) -> str:
     """Name of a command without leading zeros."""
-    return f"{chr(command[0]).upper()}{int(command[1:])}"
+    return f"{chr(command[0]).upper()}{command[1:].decode().lstrip('0') or '0'}"
 
 
 def _take(found: dict[int, Filament], mode: _Mode, line: int, number: bytes) -> None:
@@ -115,6 +118,8 @@ def _take(found: dict[int, Filament], mode: _Mode, line: int, number: bytes) -> 
     if mode.relative is None or (mode.at is None and not mode.relative):
         return
     start = b"0" if mode.relative or mode.at is None else mode.at
+    if max(len(start), len(number)) > _ROOM:
+        return
     decimals = max(DECIMALS, _decimals(number), _decimals(start))
     found[line] = Filament(
         start=_digits(start, decimals), digits=_digits(number, decimals), decimals=decimals, relative=mode.relative

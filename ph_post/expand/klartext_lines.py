@@ -30,9 +30,17 @@ def parameter_of(name: str) -> int:
     --------
     >>> parameter_of("Q5"), parameter_of("QL5")
     (5, 10005)
+
+    Raises
+    ------
+    ExpandError
+        Where no control has such a parameter.
     """
     letters = name.rstrip("0123456789")
-    return _KINDS[letters[1:]] * _KIND + int(name[len(letters) :])
+    number = int(name[len(letters) :])
+    if number >= _KIND:
+        raise ExpandError("no such parameter", expected="Q0 to Q1999", got=name[:20])
+    return _KINDS[letters[1:]] * _KIND + number
 
 
 def tnc_number(value: float, decimals: int, *, sign: bool) -> str:

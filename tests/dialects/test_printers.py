@@ -72,7 +72,7 @@ BOTH = [
     ("G11", ""),
     ("G10 S1", ""),
     ("G10 L2 P1 X5", "$@"),
-    ("G90 G1 X5", "\x01G90G1X5"),
+    ("G90 G1 X5", "\x01G90G1 X5"),
     ("G90G1X5", "$"),
     ("G1X5M106", "$@"),
     ("G1X5F600", "G1X5F600"),
@@ -134,6 +134,12 @@ def test_of_two_commands_in_a_line_the_second_may_be_obeyed_or_not(dialect: str)
     assert (program.motions.end[1:, 0] / MM).tolist() == pytest.approx([10.0, 20.0])
     assert np.isnan(program.motions.start[1, :2]).all()
     assert np.isnan(program.motions.feed[1])
+
+
+def test_a_feed_on_a_line_in_doubt_is_where_it_stands() -> None:
+    program = read("G21\nG90\nG1 X0 Y0 F600\nG91 G0 Z8 E1 F300 ; away\nG1 X5\n")
+    (word,) = [word for word in program.words_of(3) if chr(program.words.letter[word]) == "F"]
+    assert program.data[program.words.start[word] : program.words.end[word]] == b"F300"
 
 
 def test_what_says_again_what_is_in_force_changes_no_mode() -> None:

@@ -219,6 +219,7 @@ def test_random_programs_move_as_the_player_has_them(seed: int) -> None:
         ("LBL 1|L X+1|FN 9: IF +1 EQU +1 GOTO LBL 1", 4, "never ends"),
         ("LBL 1|CALL LBL 1|LBL 0", 3, "more than 19 deep"),
         ("CALL LBL 7", 2, "the label is not there"),
+        ("Q10005 = 1|CALL LBL 1|LBL 1|LBL 0", 2, "no such parameter"),
         ("FN 9: IF +1 EQU +1 GOTO LBL 7", 2, "the label is not there"),
         ("L X+1|Q1 = 5 / ( 3 - 3 )", 3, "division by zero"),
         ("FN 4: Q1 =+5 DIV +0", 2, "division by zero"),

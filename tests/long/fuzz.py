@@ -5,7 +5,7 @@ what is written is verified, gives its original back, stays as it is when it is 
 interpreters of the tests' own, with a table behind backlash.
 
 Damaged programs go through convert, verify, inspect and diff as commands, within a time: no traceback, nothing
-half-written, and what is written is as good. A hundred times as many are only read and written out.
+half-written, and what is written is as good. Many more are only read and written out.
 
     python -m tests.long.fuzz programs --first 0 --count 10000 --rows rows.jsonl
     python -m tests.long.fuzz lines --first 0 --count 20000 --rows lines.jsonl
