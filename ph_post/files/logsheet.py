@@ -348,7 +348,8 @@ class _Scope:
             plain = (symbol or name) + (f" [{unit}]" if unit in _SCOPE_UNITS else "")
             self.places.setdefault(plain, k)
             self.clocks.setdefault(plain, max(one for one in clocks if one < k))
-        self.rows = [k for k in range(first, len(lines)) if re.match(r"\s*-?[0-9]", lines[k])]
+        begins = re.compile(r"\s*-?[0-9]")
+        self.rows = np.fromiter((k for k in range(first, len(lines)) if begins.match(lines[k])), np.int32)
         self.body = [lines[k] for k in self.rows]
         self.kept = np.arange(len(self.body))
 
@@ -365,10 +366,11 @@ class _Scope:
         for clock in groups:
             names = [name for name in channels if self.clocks[name] == clock]
             table = self._table([clock, *(self.places[name] for name in names)])
-            fresh = np.diff(table[:, 0], prepend=-np.inf) > 0.0  # what is filled up says the same again
-            times[clock] = np.rint(_SCOPE_STEPS * table[fresh, 0]) if len(groups) > 1 else table[:, 0]
-            used = table[fresh] if len(groups) > 1 else table
-            values |= {name: (clock, used[:, k + 1]) for k, name in enumerate(names)}
+            if len(groups) > 1:
+                table = table[np.diff(table[:, 0], prepend=-np.inf) > 0.0]  # what is filled up says the same again
+                table[:, 0] = np.rint(_SCOPE_STEPS * table[:, 0])
+            times[clock] = table[:, 0]
+            values |= {name: (clock, table[:, k + 1]) for k, name in enumerate(names)}
         common = times[groups[0]]
         for clock in groups[1:]:
             common = np.intersect1d(common, times[clock])

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from ph_post.errors import InputError
+from ph_post.files.check import counted
 from ph_post.identify.noise import noise_of_differences
 from ph_post.types import Array, AxisLog, BoolArray, Log
 from ph_post.units import MICROMETRE, MS
@@ -22,6 +23,9 @@ AHEAD: Final = 2.0 * MS
 
 ROUGHER: Final = 3.0
 """Times as rough as its reading that a column is no command."""
+
+COPIED: Final = 3
+"""Samples by which a copy may be late, less one: a loop without a drive returns its command so."""
 
 SMOOTHING: Final = 5.0
 """Standard deviation of the smoothing before speeds are taken, samples."""
@@ -61,10 +65,33 @@ def require_order(log: Log, header: str) -> tuple[str, ...]:
         if reading is None or np.ptp(axis.command) == 0.0 or np.count_nonzero(np.isfinite(reading)) < 200:
             continue
         column = f"{name}_act" if axis.table is not None else f"{name}_motor"
+        said += _copies(name, axis)
         said += _lead(name, column, axis.command, reading, log.period, header)
         _effort(name, axis, reading, log.period, header)
         said += _pushes(name, axis, log.period)
     return tuple(said)
+
+
+def _copies(name: str, axis: AxisLog) -> Iterator[str]:
+    """Yield that the table's reading is another column to the last digit, as no reading is.
+
+    A motor without a loop may be taken to stand where it is commanded.
+    """
+    there = {"cmd": axis.command, "act": axis.table, "motor": axis.motor}
+    for first, second in (("cmd", "act"), ("act", "motor")):
+        one, other = there[first], there[second]
+        if one is None or other is None:
+            continue
+        for late in range(COPIED):
+            earlier, later = one[: one.size - late], other[late:]
+            known = np.isfinite(earlier) & np.isfinite(later)
+            if np.array_equal(earlier[known], later[known]) and np.any(later[known] != later[known][:1]):
+                words = f", late by {counted(late, 'sample')}" if late else ""
+                yield (
+                    f"{name}_{second} is {name}_{first} to the last digit{words}: one value was recorded"
+                    " twice, or nothing was measured; what is found by it means nothing"
+                )
+                break
 
 
 def _lead(name: str, column: str, command: Array, reading: Array, period: float, header: str) -> Iterator[str]:

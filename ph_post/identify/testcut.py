@@ -89,7 +89,7 @@ def read_cut(cut: CutWidths, known: Mapping[str, Sure] | None = None) -> CutResu
             raise InputError(cut.where, what, expected="square_outside wider", got=f"{one.value / MM:.3g} mm")
     surer = _with_known(fit, rows, right - offset, known or {}, grain)
     scales = {axis: surer.get({f"scale_{axis.lower()}": 1.0}) for axis in "XY"}
-    return CutResult(
+    result = CutResult(
         lost_motion=lost,
         squareness=surer.get({"square": 1.0}),
         scale={axis: one for axis, one in scales.items() if one is not None},
@@ -97,6 +97,11 @@ def read_cut(cut: CutWidths, known: Mapping[str, Sure] | None = None) -> CutResu
         tool=surer.get({"tool": 1.0}),
         scatter=fit.scatter,
     )
+    if not (result.lost_motion or result.scale or result.squareness or result.mismatch):
+        what = "of these widths alone nothing follows: backlash, scale and tool change them alike"
+        expected = "those of both squares, or d45 and d135 of both circles"
+        raise InputError(cut.where, what, expected=expected, got=", ".join(f"{one}.{name}" for one, name in cut.widths))
+    return result
 
 
 def _with_known(

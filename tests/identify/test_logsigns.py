@@ -78,3 +78,19 @@ def test_an_effort_of_the_other_sign(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"its sign is turned; expected --column X_force=X_force\*-1:N"):
         read(tmp_path, wrong)
     assert read(tmp_path, wrong, "X_force=X_force*-1:N") == ()
+
+
+@pytest.mark.parametrize(
+    ("copied", "late", "words"),
+    [
+        ("X_cmd", 0, "X_act is X_cmd to the last digit: one value was recorded twice, or nothing was measured"),
+        ("X_cmd", 1, "X_act is X_cmd to the last digit, late by 1 sample:"),
+        ("X_motor", 0, "X_motor is X_act to the last digit"),
+    ],
+)
+def test_a_value_that_was_recorded_twice(tmp_path: Path, copied: str, late: int, words: str) -> None:
+    """It would be a drive without a lag, or an axis without backlash."""
+    found = columns()
+    copy = np.roll(found[copied], late)
+    copy[:late] = copy[late]
+    assert [one for one in read(tmp_path, found | {"X_act": copy}) if one.startswith(words)]
