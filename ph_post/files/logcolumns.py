@@ -167,6 +167,9 @@ def _option(text: str) -> str:
 JITTER: Final = 0.1
 """Part of the period by which a sample may be early or late."""
 
+ANOTHER: Final = 50.0
+"""Periods by which time goes back where a recorder was started again."""
+
 HOLES: Final = 0.05
 """Part of the rows that may be missing."""
 
@@ -282,6 +285,10 @@ def _refusal(t: Array, wrong: _BadTime, sheet: Sheet) -> InputError:
     if back.size or still.size:
         row = int((back if back.size else still)[0]) + 1
         what = "time runs backwards" if back.size else "time repeats"
+        if t[row - 1] - t[row] > ANOTHER * wrong.period > 0.0:
+            what = "time starts again: another recording in the same file?"
+            expected = f"one recording a file, or t > {t[row - 1] + 0.0:.9g} s"
+            return InputError(sheet.where(row), what, expected=expected, got=f"{t[row]:.9g} s")
         return InputError(sheet.where(row), what, expected=f"t > {t[row - 1] + 0.0:.9g} s", got=f"{t[row]:.9g} s")
     return InputError(
         sheet.where(wrong.row),

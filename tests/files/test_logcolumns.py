@@ -54,9 +54,14 @@ def test_times_of_day_keep_their_period():
             np.r_[0:100, 100.3:300] * 0.001,
             "a:100: the sampling period is not constant; expected t = 0.1 s, at a period of 0.001 s; got 0.1003 s",
         ),
+        (
+            np.r_[0:200, 0:200] * 0.001,
+            "a:200: time starts again: another recording in the same file?; expected one recording a file, or"
+            " t > 0.199 s; got 0 s",
+        ),
         (-0.001 * np.arange(300), "a:1: time runs backwards; expected t > 0 s; got -0.001 s"),
     ],
-    ids=["still", "swapped", "half a period", "reversed"],
+    ids=["still", "swapped", "half a period", "begun again", "reversed"],
 )
 def test_no_constant_period_is_refused_where_it_fails(t, words):
     with pytest.raises(InputError) as refusal:
