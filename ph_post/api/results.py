@@ -270,7 +270,12 @@ class ProgramMotion(MotionResult):
         found = planned.time
         if found is None or found <= LONGEST_SIMULATED:
             self._planned = planned
-        return float(self.command.t[-1]) if found is None else found
+        if found is not None:
+            return found
+        duration = float(self.command.t[-1])
+        if duration > LONGEST_SIMULATED:
+            del self.command  # nobody asks for its rows
+        return duration
 
     @cached_property
     def command(self) -> Command:

@@ -6,6 +6,7 @@ import pytest
 from support.front_door import printed
 
 import ph_post as ph
+from ph_post.api import results
 from ph_post.report.simulations import comparison_view, simulation_view
 from ph_post.report.views import inspection_view
 
@@ -99,3 +100,13 @@ def test_what_a_path_lacks_of_its_program_is_a_warning(tmp_path):
     run = ph.simulate(part, "router")
     assert run.warnings[: len(warnings)] == warnings
     assert not set(warnings) & set(run.caveats)
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_rows_of_a_motion_that_is_too_long_to_be_simulated_are_let_go(kept, monkeypatch):
+    monkeypatch.setattr(results, "LONGEST_SIMULATED", 60.0 if kept else 6.0)
+    program = ph.read_program(ROOT / "samples" / "programs" / "pocket.ngc")
+    motion = results.ProgramMotion(program, program, ph.read_machine("mill"), "original")
+    assert 7.0 < motion.time < 60.0
+    assert ("command" in vars(motion)) == kept
+    assert motion.command.t[-1] == motion.time  # whoever asks for them all the same gets them

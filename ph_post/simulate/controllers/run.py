@@ -241,9 +241,10 @@ def _run(legs: Array, table: Array, period: float, program: PartProgram) -> Rows
         if leg < count and len(parts) * ROOM > MOST_SAMPLES:
             refuse_run(program, legs[leg, MOTION], period)
     position, motion, share = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    parts.clear()  # as large as all else here
     behind = SMOOTHING.size - 1
-    wide = _padded(position, behind, behind)
-    smooth = np.stack([np.convolve(column, SMOOTHING, mode="valid") for column in wide.T], axis=1)
+    position = _padded(position, behind, behind)
+    smooth = np.stack([np.convolve(column, SMOOTHING, mode="valid") for column in position.T], axis=1)
     return smooth, _padded(motion, 1, behind - 1), _padded(share, 1, behind - 1)
 
 
