@@ -6,6 +6,7 @@ import codecs
 import math
 import re
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -22,7 +23,7 @@ from ph_post.errors import InputError
 from ph_post.gcode.further import further_lines, further_words
 from ph_post.gcode.motion_parts import split_cubic
 from ph_post.gcode.paths import line_words, without_feed
-from ph_post.gcode.program import AXES, CUBIC, NURBS, RAPID, PartProgram
+from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, PLANE_AXES, RAPID, PartProgram
 from ph_post.gcode.working import tool_in_words, working_motions
 from ph_post.post.moves import FINEST
 from ph_post.types import ROTARY_AXES, Array, Axis, BoolArray, Machine, sealed
@@ -36,14 +37,36 @@ def why_indivisible(program: PartProgram, dialect: Dialect, motion: int, share: 
     if motions.kind[motion] in (RAPID, NURBS):
         return f"line {line} is a {'rapid' if motions.kind[motion] == RAPID else 'NURBS'} and cannot be divided"
     unknown = np.isnan(motions.start[motion]) | np.isnan(motions.end[motion])
+    nowhere = _from_nowhere(program)[motion]
     for axis, name in enumerate(AXES):
-        if unknown[axis] and name in own:
+        if (unknown[axis] and name in own) or nowhere[axis]:
             return f"line {line} begins where {name} is not known and cannot be divided"
     if why := why_kept_whole(program, motion):
         return f"line {line} {why}"
     if motions.kind[motion] == CUBIC:
         return _why_indivisible_cubic(program, dialect, motion, share)
     return ""
+
+
+@lru_cache(maxsize=2)
+def _from_nowhere(program: PartProgram) -> BoolArray:
+    """Mark the axes (m, 3) of arcs, as of a whole circle, that no word in absolute positions has placed so far.
+
+    Their places are read as if they began at 0: no word could be written for them.
+    """
+    motions, words = program.motions, program.words
+    absolute = np.array([one.absolute for one in program.modal], dtype=np.bool_)[program.state]
+    understood = absolute.copy()
+    for note in program.notes:
+        understood[note.first : note.last + 1] = False
+    curved = absolute[motions.block] & np.isin(motions.kind, (ARC, CUBIC))
+    found = np.zeros((motions.block.size, len(AXES)), dtype=np.bool_)
+    for axis, name in enumerate(AXES):
+        own = words.block[words.letter == ord(name)]
+        first = own[understood[own]].min(initial=program.blocks)
+        within = motions.plane != next(plane for plane, axes in PLANE_AXES.items() if axes[2] == axis)
+        found[:, axis] = curved & within & (motions.block < first)
+    return sealed(found)
 
 
 def why_kept_whole(program: PartProgram, motion: int, *, shared: bool = True) -> str:
@@ -176,6 +199,7 @@ def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
         "a line's feed changes on its way, or it moves more than once": several,
         "the feed is not known (G95, or no F yet)": without_feed(program),
         "contains a NURBS (G5.2)": motions.kind == NURBS,
+        "contains an arc from a place that is not known": np.asarray(_from_nowhere(program).any(axis=1)),
         "contains a G5 that continues the one before it, without I and J": _continued(program),
     }
     if low.size == 0:

@@ -153,3 +153,9 @@ def hold_as(dialect, before, after):
     assert verify(one, other, tolerance=5e-6, machine=MACHINE).failures == ()
     assert undo(after, "b.ngc") == before
     assert compensated(other, MACHINE, LINUXCNC) == after
+
+
+@pytest.mark.parametrize("before", ["G0 Z7\nG3 I3 F3000\nG\n", "G0 Z.5\nGX1 Y0\nG3 I3 J3 F3000\nG\n"])
+def test_a_circle_that_nobody_placed_stays_as_it_is(before):
+    program = read_as("grblhal", before.encode(), "a.nc")
+    assert compensated(program, stepper("grblhal"), find_dialect("grblhal")) == before.encode()
