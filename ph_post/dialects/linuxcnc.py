@@ -31,6 +31,10 @@ _USERS = [number for number in range(100, 200) if codes.M_EFFECT[number] != code
 on from the place where it was ("M-Codes", M100-M199; "Remap: Extending G-Code"). What the file does to the machine,
 as to turn an axis back by an offset from outside, nobody knows."""
 
+_KINEMATICS = (428, 429, 430)
+"""M words by which machines with rotary axes switch their kinematics, as LinuxCNC's own configurations do ("Switchable
+Kinematics"); which of them is the one in which X, Y and Z are joints is the machine's choice."""
+
 _SPANS = 16
 """LinuxCNC plays a G5 as 16 pairs of arcs at equal steps of the parameter (its emccanon.cc)."""
 
@@ -179,6 +183,6 @@ DIALECT = Dialect(
         own_compensation="BACKLASH in LinuxCNC's ini file", own_tables="BACKLASH and COMP_FILE in the ini file"
     ),
     recording=Recording(lines=halsampler_lines, ending=".txt", has_command=True),
-    language=Language(effects=dict.fromkeys(_USERS, codes.RUNS)),
+    language=Language(effects=dict.fromkeys(_USERS, codes.RUNS) | dict.fromkeys(_KINEMATICS, codes.SWITCHES)),
 )
 """The LinuxCNC dialect."""

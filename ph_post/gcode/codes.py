@@ -189,9 +189,10 @@ FRAMES = np.array(
 (G51), mirrored (G51.1), turned (G68), a plane about a rotary axis (G12.1), tilted (G68.2 to G68.4), held at the
 tip of the tool while rotary axes turn (G43.4, G43.5, up to G49)."""
 
-STAYS, CALLS, RUNS = 1, 2, 3
+STAYS, CALLS, RUNS, SWITCHES = 1, 2, 3, 4
 """Effects of words that are not of RS274/NGC: on neither axes nor modes; on any of them, as a subprogram has; what a
-program beside the controller does, which moves no axis to another place of the part program's."""
+program beside the controller does, which moves no axis to another place of the part program's; on the kinematics, after
+which the program's axes are not the machine's."""
 
 G_EFFECT, M_EFFECT = np.zeros(1000, np.int8), np.zeros(1000, np.int8)
 """Effects of G words, by ten times their number, and of M words; of the others (0) on the axes.

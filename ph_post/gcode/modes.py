@@ -70,6 +70,7 @@ from ph_post.gcode.codes import (
     STAYING_M,
     STAYS,
     SUBPROGRAM,
+    SWITCHES,
     SYSTEM,
     TOOL,
     TOOL_CHANGE,
@@ -192,6 +193,8 @@ def _apply_m(value: Any, effects: Any, codes: Any, count: int, values: Any, pres
             effect = effects[code]
             found = STAYING_M if effect == STAYS else SUBPROGRAM if effect == CALLS or code in (98, 99) else UNKNOWN_M
             found = SAVED_STATE if code in (72, 73) else USER_M if effect == RUNS else found
+            if effect == SWITCHES:  # no word is known to bring the machine's own axes back
+                state[FRAME] = float(int(state[FRAME]) | 1 << FRAMES.shape[0])
             milder = why in (0, STAYING_M) or (why == USER_M and found != STAYING_M)
             why = found if milder or found == SUBPROGRAM else why
             continue

@@ -68,7 +68,7 @@ _TEXTS: Final = {
     codes.NO_MOTION_MODE: "axis words without a motion mode",
     codes.UNSURE_MODE: "motion under modes that something not understood may have changed",
     codes.CONTROLLER_LINE: "line for the controller itself",
-    codes.OTHER_FRAME: "motion in a turned, scaled, polar or diameter frame",
+    codes.OTHER_FRAME: "motion in a turned, scaled, polar or diameter frame, or under other kinematics",
     codes.THREAD: "motion tied to the spindle",
     codes.COMMA: "word of one controller, or of more digits than are kept",
     codes.DWELL_AXES: "dwell with axis words",

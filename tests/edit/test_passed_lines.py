@@ -159,3 +159,16 @@ def hold_as(dialect, before, after):
 def test_a_circle_that_nobody_placed_stays_as_it_is(before):
     program = read_as("grblhal", before.encode(), "a.nc")
     assert compensated(program, stepper("grblhal"), find_dialect("grblhal")) == before.encode()
+
+
+@pytest.mark.parametrize("word", ["M428", "M429", "M430"])
+def test_what_is_cut_under_switched_kinematics_is_left_alone(word):
+    """Behind a table that has turned by 90 degrees a motion along X reverses another joint."""
+    cuts = "G1 Z-1\nG1 X20 Y0\nG3 X20 Y20 J10\nG1 X0\nG3 X0 Y0 J-10\nG1 X20\nG0 Z5\n"
+    head = "G21 G90 G17 F600\nG64 P0.01\nG0 X0 Y0 Z5\n"
+    before = f"{head}{cuts}{word}\nG1 C90\nG0 X0 Y0\n{cuts}M2\n".encode()
+    after = compensated(read_as("linuxcnc", before, "a.ngc"), MACHINE, LINUXCNC)
+    assert after != before
+    begin, (_, end) = before.index(word.encode()), after.split(word.encode())
+    assert end.startswith(before[begin + 4 :])  # behind it what --undo needs
+    hold_as("linuxcnc", before, after)

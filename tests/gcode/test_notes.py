@@ -11,7 +11,7 @@ PLANE = "spline in another plane than G17"
 COMPUTED = "value that is computed"
 AXIS = "axis other than X, Y and Z"
 PAIR = "cut in which several rotary axes turn, perhaps about the tip of the tool"
-FRAME = "motion in a turned, scaled, polar or diameter frame"
+FRAME = "motion in a turned, scaled, polar or diameter frame, or under other kinematics"
 OTHERS = " of other controllers, which moves nothing"
 SPECIAL = "word of one controller, or of more digits than are kept"
 
