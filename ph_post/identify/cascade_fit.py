@@ -251,14 +251,21 @@ def _with_friction(problem: AxisProblem, plain: DriveFit, hidden: bool) -> Drive
 
 
 def _rubbing(problem: AxisProblem, gaps: Sequence[float]) -> DriveFit:
-    """Fit gains and friction, and backlash where one of `gaps` is, from the best that is tried."""
+    """Fit gains and friction, and backlash where one of `gaps` is, from the best that is tried of two K_v."""
     tried = [
         replace(one, gap=gap, coulomb_plus=size, coulomb_minus=size)
         for one, gap, size in product(_tried(problem), gaps, FRICTIONS)
     ]
-    start = min(tried, key=lambda one: position_rms(problem, residuals(problem, one), problem.fit))
-    names = (*gains_of(start), "friction", *(("gap",) if any(gaps) else ()))
-    return fit_drive(problem, start, names, rounds=2)
+    tried.sort(key=lambda one: position_rms(problem, residuals(problem, one), problem.fit))
+    other = next((one for one in tried if _gain_of(one) != _gain_of(tried[0])), tried[0])
+    rest = ("friction", *(("gap",) if any(gaps) else ()))
+    fits = [fit_drive(problem, one, (*gains_of(one), *rest), rounds=1) for one in (tried[0], other)]
+    best = min(fits, key=lambda one: position_rms(problem, one.left, problem.fit))
+    return fit_drive(problem, best.plant, best.names, rounds=1)
+
+
+def _gain_of(plant: Plant) -> float:
+    return base_value(plant, "position_gain")
 
 
 def is_better(problem: AxisProblem, cascade: DriveFit, single: DriveFit) -> bool:
