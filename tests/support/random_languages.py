@@ -281,5 +281,7 @@ def _computed(one: _Language, cuts: Sequence[Cut], times: int, *, kept: bool) ->
                 first = word
         lines += one.block(cut, at, first)
         at = cut.end
+    if one.plane != 17:
+        lines.append("G17")
     body, behind = one.repeat(lines, times)
     return one.program([*head, *body], behind) if kept else one.program([*head, *times * lines], [])
