@@ -21,7 +21,7 @@ _COMMAND: Final = re.compile(
 )
 _NAME: Final = re.compile(rb"[ \t]*([A-Za-z_][A-Za-z0-9_]*)")
 _EXTRUDED: Final = re.compile(rb"[Ee][ \t]*[-+]?[0-9.]*")
-_MOVE: Final = re.compile(rb"(?:[ \t]*[A-Za-z][ \t]*[-+]?(?:\d+\.?\d*|\.\d+))*[ \t]*(?:\*\d+[ \t]*)?")
+_MOVE: Final = re.compile(rb"(?:[ \t]*[A-Za-z][ \t]*[-+]?(?:\d+(?:\.\d*)?|\.\d+))*[ \t]*(?:\*\d+[ \t]*)?")
 _SECOND: Final = re.compile(rb"[GMTgmt][ \t]*\d")
 _SETS: Final = re.compile(rb"F|G[ \t]*0*(?:2[01]|9[0-2])(?!\d)")
 _BLANK: Final = re.compile(rb"([ \t])")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -140,6 +141,15 @@ def test_a_feed_on_a_line_in_doubt_is_where_it_stands() -> None:
     program = read("G21\nG90\nG1 X0 Y0 F600\nG91 G0 Z8 E1 F300 ; away\nG1 X5\n")
     (word,) = [word for word in program.words_of(3) if chr(program.words.letter[word]) == "F"]
     assert program.data[program.words.start[word] : program.words.end[word]] == b"F300"
+
+
+@pytest.mark.parametrize("digits", [8, 4000])
+def test_many_whole_numbers_on_a_line_take_no_longer_than_others(digits: int) -> None:
+    """Sixteen numbers of eight digits could be read in eight to the power of sixteen ways."""
+    begun = time.process_time()
+    line = "G1" + "".join(f" {letter}{digits * '1'}" for letter in "XYZIJKABCUVWPQRS"[: 16 if digits < 9 else 4])
+    assert [note.first for note in read(f"G21\nG90\n{line} &\nG1 X1 F60\n").notes] == [2]
+    assert time.process_time() - begun < 5.0
 
 
 def test_what_says_again_what_is_in_force_changes_no_mode() -> None:
