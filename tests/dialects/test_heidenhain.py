@@ -11,6 +11,7 @@ from support.in_place import ISO
 from ph_post.dialects.heidenhain.iso import why_iso_stays
 from ph_post.dialects.reading import read_as
 from ph_post.edit.preconditions import why_not_editable
+from ph_post.errors import InputError
 from ph_post.gcode.program import ARC
 from ph_post.units import MM, MM_PER_MIN
 
@@ -369,3 +370,9 @@ def test_a_number_of_5000_digits_is_named() -> None:
 def test_lines_of_an_iso_program_are_counted_as_everywhere_else() -> None:
     blocks = "%A G71 *\nN10 G01 X+1 F500 ; a\x0bb\x85c *\nN20 G91 X+5 *\n"
     assert why_iso_stays(blocks.encode()) == "line 3 counts in increments (G91)"
+
+
+def test_a_refusal_shows_no_control_characters() -> None:
+    with pytest.raises(InputError) as found:
+        read_as("heidenhain-iso", b"N10 \x0bG30 X1\n", "a.i")
+    assert len(str(found.value).splitlines()) == 1

@@ -513,4 +513,5 @@ class TncSource:
                 yield min(place, number), max(place, number), what
 
     def _refused(self, number: int, what: str, expected: str, got: str) -> InputError:
-        return line_error(self._data, self._lines, self._name, number, what, expected, got)
+        shown = "".join(one if one.isprintable() else "?" for one in got)
+        return line_error(self._data, self._lines, self._name, number, what, expected, shown)
