@@ -15,7 +15,7 @@ from ph_post.drive.axes import check_axes
 from ph_post.edit.edits import TOLERANCE
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
-from ph_post.gcode.program import RS274, PartProgram
+from ph_post.gcode.program import PartProgram
 from ph_post.post.remarks import is_shifted
 from ph_post.progress import Progress, no_progress
 from ph_post.rehearse import rehearse as rehearsing
@@ -191,7 +191,7 @@ def rehearse(
     """
     progress("reading")
     drives, name = any_machine(machine)
-    if find_dialect(drives.dialect).language != RS274:
+    if find_dialect(drives.dialect).language.name:
         what = "LinuxCNC runs programs in RS274's words, not in those of another controller"
         raise InputError(name, what, expected="a machine file for LinuxCNC", got=drives.dialect)
     part = _read(program)

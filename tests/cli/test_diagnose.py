@@ -18,10 +18,11 @@ MILL = ROOT / "samples" / "machines" / "mill.toml"
 
 @pytest.fixture
 def log(tmp_path):
-    """Return a log of X and Y whose readings are their commands."""
+    """Return a log of X and Y whose readings lag a little behind their commands."""
     t = np.arange(3000) * 1e-3
     x = 10.0 * np.sin(2.0 * np.pi * t)
-    rows = np.column_stack([t, x, x, x, x])
+    read = 10.0 * np.sin(2.0 * np.pi * (t - 5.5e-3))
+    rows = np.column_stack([t, x, read, x, read])
     file = tmp_path / "run.csv"
     np.savetxt(file, rows, "%.6f", ",", header="t,X_cmd,X_act,Y_cmd,Y_act", comments="")
     return file
@@ -70,7 +71,7 @@ def test_log_and_machine_come_to_the_diagnosis_as_they_were_named(capsys, log, m
     assert status == 0
     assert seen["machine"] == read_machine(MILL)
     assert (seen["log"].axes["X"].side, seen["log"].axes["Y"].side) == ("unknown", "table")
-    assert seen["log"].axes["X"].table == pytest.approx(2.0 * seen["log"].axes["X"].command)
+    assert seen["log"].axes["X"].table == pytest.approx(2.0 * seen["log"].axes["Y"].table)
 
 
 def test_nothing_added_leaves_the_machine_file_as_it_was(capsys, log, found, tmp_path):
