@@ -274,11 +274,12 @@ def side_warnings(axes: Iterable[Axis]) -> list[str]:
     >>> side_warnings([read_machine("router").axes["X"]])
     []
     """
-    own = [axis for axis in axes if may_shift(axis)]
+    given = list(axes)
+    own = [axis for axis in given if may_shift(axis)]
     varies = [
         f"the backlash of axis {axis.name} changes along its travel, but its lasting offset does not"
-        for axis in own
-        if backlash_varies(axis)
+        for axis in given
+        if not axis.loop.encloses_backlash and backlash_varies(axis)
     ]
     return [*varies, *(_run_on_warning(axis) for axis in own if friction_brakes(axis) < axis.limits.acceleration)]
 
