@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from msgspec.structs import replace
+
 from ph_post.api.expansion import written_out
 from ph_post.api.further_axes import shifted_original
 from ph_post.api.inputs import Source, any_machine
@@ -15,7 +17,7 @@ from ph_post.drive.axes import check_axes
 from ph_post.edit.edits import TOLERANCE
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
-from ph_post.gcode.program import PartProgram
+from ph_post.gcode.program import RS274, PartProgram
 from ph_post.post.remarks import is_shifted
 from ph_post.progress import Progress, no_progress
 from ph_post.rehearse import rehearse as rehearsing
@@ -191,7 +193,7 @@ def rehearse(
     """
     progress("reading")
     drives, name = any_machine(machine)
-    if find_dialect(drives.dialect).language.name:
+    if replace(find_dialect(drives.dialect).language, effects={}) != RS274:  # M words aside, the same words
         what = "LinuxCNC runs programs in RS274's words, not in those of another controller"
         raise InputError(name, what, expected="a machine file for LinuxCNC", got=drives.dialect)
     part = _read(program)
