@@ -57,9 +57,9 @@ def read_log_file(
     found, ignored = columns_of(sheet, parse_columns(mappings))
     names = _axes_of(found, sheet)
     require_axes(names, machine, sheet.header)
-    if sheet.rows < FEWEST:
-        raise InputError(sheet.name, "too few samples", expected=f"at least {FEWEST}", got=str(sheet.rows))
+    _require_samples(sheet, sheet.rows)
     values = _values(found, sheet)
+    _require_samples(sheet, min(one.size for one in values.values()))
     timed = _timed(found, values, sheet, machine)
     samples = _Samples(sheet, clock_of(timed.t, sheet))
     side_of = _sides(sheet, names, found, {} if sides is None else sides)
@@ -79,6 +79,11 @@ def read_log_file(
         warnings=(*sheet.warnings, *taken, *ignored, *timed.warnings, *doubled, *samples.words()),
     )
     return LogFile(log=log, sheet=sheet, samples=samples)
+
+
+def _require_samples(sheet: Sheet, count: int) -> None:
+    if count < FEWEST:
+        raise InputError(sheet.name, "too few samples", expected=f"at least {FEWEST}", got=str(count))
 
 
 def require_axes(names: Sequence[str], machine: Machine | None, where: str) -> None:

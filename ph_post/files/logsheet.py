@@ -18,8 +18,11 @@ References
 from __future__ import annotations
 
 import collections
+import contextlib
 import csv
+import functools
 import hashlib
+import itertools
 import re
 import warnings
 import zlib
@@ -263,18 +266,19 @@ def text_sheet(source: SourceText) -> Sheet:
         than the header or a cell holds no number.
     """
     lines = source.text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    if scope_header(lines) is not None:
-        return scope_sheet(source, lines)
+    first = scope_header(lines)
+    if first is not None:
+        return scope_sheet(source, lines, first)
     lines = _labelled(lines)
     remarks = [line.strip() for line in lines if line.lstrip().startswith(REMARK)]
     kept = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(REMARK)]
     if not kept:
         raise InputError(source.name, "no rows, only remarks", expected="a header and a row a sample")
     rows = [k for k in kept if lines[k].strip() != OVERRUN]
-    first = lines[rows[0]] if rows else OVERRUN
-    named = _ROW.fullmatch(first) is None
-    names = _cells(first, _delimiter(first))
-    table = _TextRows(source.name, names if named else [f"{k + 1}" for k in range(len(names))], _delimiter(first))
+    begin = lines[rows[0]] if rows else OVERRUN
+    named = _ROW.fullmatch(begin) is None
+    names = _cells(begin, _delimiter(begin))
+    table = _TextRows(source.name, names if named else [f"{k + 1}" for k in range(len(names))], _delimiter(begin))
     table.fill(lines, rows[1:] if named else rows)
     overruns = [k for k in kept if lines[k].strip() == OVERRUN]
     before = [int(np.searchsorted(table.lines, k)) for k in overruns]
@@ -327,8 +331,7 @@ class _Scope:
     Groups have rows of their own: what was sampled less often ends sooner, or is filled up.
     """
 
-    def __init__(self, source: SourceText, lines: Sequence[str]) -> None:
-        first = scope_header(lines) or 0
+    def __init__(self, source: SourceText, lines: Sequence[str], first: int) -> None:
         self.delimiter = next(one for one in "\t;," if f"Name{one}" in lines[first])
         self.source = source
         self.header = f"{source.name}:{first + 1}"
@@ -361,60 +364,68 @@ class _Scope:
         """Read channels where all of them were sampled, and these times in milliseconds as `time`."""
         channels = [name for name in wanted if name != _SCOPE_TIME]
         groups = sorted({self.clocks[name] for name in channels} or set(self.clocks.values()))
-        times: dict[int, Array] = {}
-        values: dict[str, tuple[int, Array]] = {}
-        for clock in groups:
-            names = [name for name in channels if self.clocks[name] == clock]
-            table = self._table([clock, *(self.places[name] for name in names)])
-            if len(groups) > 1:
-                table = table[np.diff(table[:, 0], prepend=-np.inf) > 0.0]  # what is filled up says the same again
-                table[:, 0] = np.rint(_SCOPE_STEPS * table[:, 0])
-            times[clock] = table[:, 0]
-            values |= {name: (clock, table[:, k + 1]) for k, name in enumerate(names)}
-        common = times[groups[0]]
-        for clock in groups[1:]:
-            common = np.intersect1d(common, times[clock])
-        if 2 * common.size < min(one.size for one in times.values()):
-            what = "channels that were not sampled at the same times"
-            raise InputError(self.header, what, expected="one sampling time and one task for all that are used")
-        found = {}
-        for name, (clock, column) in values.items():
-            found[name] = column if len(groups) == 1 else column[np.searchsorted(times[clock], common)]
-        self.kept = np.arange(common.size) if len(groups) == 1 else np.searchsorted(times[groups[0]], common)
-        found[_SCOPE_TIME] = (common - common[0]) * 1e-4 if common.size and common[0] > _FILETIME else common
-        if len(groups) > 1 and not common[0] > _FILETIME:
-            found[_SCOPE_TIME] = common / _SCOPE_STEPS
+        own = {clock: [name for name in channels if self.clocks[name] == clock] for clock in groups}
+        self.kept = np.arange(len(self.body))
+        tables = [self._table([clock, *(self.places[name] for name in own[clock])]) for clock in groups]
+        begin = tables[0][0, 0] if tables[0].size else 0.0
+        if begin > _FILETIME:
+            for table in tables:
+                table[:, 0] = (table[:, 0] - begin) * 1e-4
+        if len(tables) > 1:
+            tables = self._met(tables)
+        found = {_SCOPE_TIME: tables[0][:, 0]}
+        for clock, table in zip(groups, tables, strict=True):
+            found |= dict(zip(own[clock], table.T[1:], strict=True))
         return {name: found[name] for name in wanted}
 
+    def _met(self, tables: Sequence[Array]) -> list[Array]:
+        """Return the rows of the times that all groups have; what is filled up says the last of them again."""
+        times, kept = [], []
+        for table in tables:
+            t = np.rint(_SCOPE_STEPS * table[:, 0])
+            steps = np.diff(t, prepend=-np.inf)
+            if (steps < 0.0).any():
+                row = int(np.argmax(steps < 0.0))
+                what, expected = "time runs backwards", f"one recording a file, or t > {table[row - 1, 0]:.9g} ms"
+                raise InputError(self.where(row), what, expected=expected, got=f"{table[row, 0]:.9g} ms")
+            kept.append(steps > 0.0)
+            times.append(t[steps > 0.0])
+        common = functools.reduce(np.intersect1d, times)
+        if 2 * common.size < max(1, min(t.size for t in times)):
+            what = "channels that were not sampled at the same times"
+            raise InputError(self.header, what, expected="one sampling time and one task for all that are used")
+        rows = [np.flatnonzero(own)[np.searchsorted(t, common)] for own, t in zip(kept, times, strict=True)]
+        self.kept = rows[0]
+        return [table[own] for table, own in zip(tables, rows, strict=True)]
+
     def _table(self, places: list[int]) -> Array:
-        """Read the rows of some columns, as far as they go."""
-        low, high = 0, len(self.body)
-        while low < high:
-            middle = (low + high) // 2
-            cells = self.body[middle].split(self.delimiter, places[0] + 1)
-            there = len(cells) > places[0] and bool(cells[places[0]].strip())
-            low, high = (middle + 1, high) if there else (low, middle)
+        """Read the rows of some columns, as far as the first of them goes."""
+        end = len(self.body)
+        while end and not self._cell(end - 1, places[0]):
+            end -= 1
+        if not end:
+            return np.empty((0, len(places)))
         comma = self.delimiter != ","
-        body = (line.replace(",", ".") if comma else line for line in self.body[:low])
-        try:
+        body = (line.replace(",", ".") if comma else line for line in self.body[:end])
+        with contextlib.suppress(ValueError):  # the refusal says where
             return np.loadtxt(body, delimiter=self.delimiter, usecols=places, ndmin=2, comments=None)
-        except ValueError:
-            pass
-        for row, line in enumerate(self.body[:low]):
-            cells = line.split(self.delimiter)
-            for place in places:
-                cell = cells[place].strip() if place < len(cells) else ""
-                if not _NUMBER.fullmatch(cell.replace(",", ".") if comma else cell):
-                    what = "no number where the other rows have one"
-                    raise InputError(f"{self.source.name}:{self.rows[row] + 1}", what, got=quoted(cell))
+        for row, place in itertools.product(range(end), places):
+            cell = self._cell(row, place)
+            if not _NUMBER.fullmatch(cell.replace(",", ".") if comma else cell):
+                raise InputError(self.where(row), "no number where the other rows have one", got=quoted(cell))
         raise InputError(self.source.name, "the rows cannot be read as numbers")
 
+    def _cell(self, row: int, place: int) -> str:
+        cells = self.body[row].split(self.delimiter, place + 1)
+        return cells[place].strip() if place < len(cells) else ""
 
-def scope_sheet(source: SourceText, lines: Sequence[str]) -> Sheet:
+
+def scope_sheet(source: SourceText, lines: Sequence[str], first: int) -> Sheet:
     """Read what TwinCAT Scope exports as text.
 
     A block of lines describes the channels, in each a key where a column holds times and a value a channel;
-    channels of one sampling time may share the times. Rows follow, perhaps with decimal commas, and ``EOF``.
+    channels of one sampling time may share the times. Rows follow, perhaps with decimal commas, and ``EOF``. `first` is
+    the line of the names, see :func:`scope_header`.
     Channels that were sampled at other times are taken where their times meet.
 
     Raises
@@ -422,7 +433,7 @@ def scope_sheet(source: SourceText, lines: Sequence[str]) -> Sheet:
     InputError
         As columns are loaded: where their times do not meet, or a cell holds no number.
     """
-    scope = _Scope(source, lines)
+    scope = _Scope(source, lines, first)
     return Sheet(
         name=source.name,
         stem=source.stem,
@@ -503,15 +514,11 @@ class _TextRows:
         if self.delimiter is not None:
             empty = re.compile(rf"(?m)(?<={self.delimiter}) *(?={self.delimiter}|$)|^ *(?={self.delimiter})")
             filled = empty.sub("nan", "\n".join(self.body)).split("\n")
-            try:
+            with contextlib.suppress(ValueError):  # the refusal says where
                 return self._parsed(filled, places)
-            except ValueError:
-                pass
             if self.delimiter != "," and not any("." in line for line in self.body):  # 1.234,5 may be either
-                try:
+                with contextlib.suppress(ValueError):
                     return self._parsed([line.replace(",", ".") for line in filled], places)
-                except ValueError:
-                    pass
         raise self._refusal(places)
 
     def _refusal(self, places: list[int]) -> InputError:

@@ -129,6 +129,49 @@ def test_channels_of_twincat_have_times_of_their_own(written: Callable[[str], Pa
         read_log(written(scope([groups[0], ("Axis 1.ActPos", 2, 1, LATE)])))
 
 
+@pytest.mark.parametrize("later", [0, 20])
+def test_times_of_twincat_may_count_from_1601(written: Callable[[str], Path], later: int) -> None:
+    """Counts of 100 ns; of channels with times of their own, too, they had been taken for 1000 times as long."""
+    rows = [
+        (132959733843760000 + 20000 * k, AT[k], 132959733843760000 + 20000 * k + later, LATE[k]) for k in range(300)
+    ]
+    head = "Name\tScope\nStarttime of export\t1\n\nName\tAxis 1.SetPos\tName\tAxis 1.ActPos"
+    text = "\n".join([head, *("\t".join(map(str, row)) for row in rows), "EOF", ""])
+    if later:
+        with pytest.raises(InputError, match="channels that were not sampled at the same times"):
+            read_log(written(text))
+    else:
+        is_that_motion(read_log(written(text)))
+
+
+@pytest.mark.parametrize(
+    ("cells", "words"),
+    [
+        ("", 'run.csv:160: no number where the other rows have one; got ""'),
+        ("100,0", "run.csv:160: time runs backwards; expected one recording a file, or t > 298 ms; got 100 ms"),
+    ],
+)
+def test_a_channel_of_twincat_that_goes_on_elsewhere_is_refused(
+    written: Callable[[str], Path], cells: str, words: str
+) -> None:
+    """What stands behind a hole had been left out, and of two recordings parts of both had been taken."""
+    lines = scope([("Axis 1.SetPos", 2, 0, AT), ("Axis 1.ActPos", 2, 0, LATE)]).split("\n")
+    first = next(k for k, line in enumerate(lines) if line.startswith("0"))
+    *others, _, value = lines[first + 150].split("\t")
+    lines[first + 150] = "\t".join([*others, cells, value if cells else ""])
+    with pytest.raises(InputError) as found:
+        read_log(written("\n".join(lines)))
+    assert str(found.value).endswith(words)
+
+
+@pytest.mark.parametrize(("rows", "words"), [(0, "channels that were not sampled at the same times"), (9, "too few")])
+def test_a_channel_of_twincat_with_few_samples_is_refused(
+    written: Callable[[str], Path], rows: int, words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        read_log(written(scope([("Axis 1.SetPos", 2, 0, AT), ("Axis 1.ActPos", 2, 0, LATE[:rows])])))
+
+
 def test_units_of_twincat_hold(written: Callable[[str], Path]) -> None:
     groups = [("Axis 1.SetPos", 2, 0, AT / 1e3), ("Axis 1.ActPos", 2, 0, LATE / 1e3)]
     is_that_motion(read_log(written(scope(groups, "m (Distance)"))))
