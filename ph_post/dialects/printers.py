@@ -23,6 +23,7 @@ _NAME: Final = re.compile(rb"[ \t]*([A-Za-z_][A-Za-z0-9_]*)")
 _EXTRUDED: Final = re.compile(rb"[Ee][ \t]*[-+]?[0-9.]*")
 _MOVE: Final = re.compile(rb"(?:[ \t]*[A-Za-z][ \t]*[-+]?(?:\d+(?:\.\d*)?|\.\d+))*[ \t]*(?:\*\d+[ \t]*)?")
 _SECOND: Final = re.compile(rb"[GMTgmt][ \t]*\d")
+_SECOND_BESIDE_T: Final = re.compile(rb"[GMgm][ \t]*\d")
 _SETS: Final = re.compile(rb"F|G[ \t]*0*(?:2[01]|9[0-2])(?!\d)")
 _BLANK: Final = re.compile(rb"([ \t])")
 
@@ -42,6 +43,9 @@ STILL: Final = frozenset(
 )
 """Commands that neither move nor change where coordinates are or at which feed they are gone to:
 temperatures, fans, limits, messages, progress, the extruder's own settings, objects' names."""
+
+_TEXTS: Final = frozenset((b"M117", b"M118", b"M486"))
+"""Those behind which text stands."""
 
 
 def reader_of(still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], bytes]:
@@ -92,6 +96,8 @@ def _hidden(line: bytes, still: frozenset[bytes], arcs: bytes, foreign: bytes, *
 def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
     """Return the command of a line, whose parameters begin at `end`."""
     rest = code[end:]
+    if _has_second(word, rest):
+        return _doubted(code)
     if word in STILL or _says_nothing(word, rest):
         return b" " * len(code)
     if word in _RELEASES:
@@ -99,12 +105,10 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
         begin = max(code[:end].upper().rfind(b"M"), 0)
         return code[:begin] + b"G28".ljust(len(code) - begin)
     if word in _STOPS or word == b"G28":
-        kept = word in _STOPS and _MOVE.fullmatch(rest)
+        kept = word in _STOPS and _letters(rest) <= set(b"SP") and _MOVE.fullmatch(rest)
         return code[:end] + (rest if kept else b" " * len(rest))
     if word not in _READ:
         return _marked(code, b"$@")
-    if _SECOND.search(rest):
-        return _doubted(code)
     plain = _EXTRUDED.sub(lambda one: b" " * len(one[0]), rest)
     foreign = word in (b"G2", b"G3") and _letters(rest) - set(arcs)
     return code[:end] + plain if _MOVE.fullmatch(plain) and not foreign else _marked(code, b"$@")
@@ -112,6 +116,18 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
 
 _RELEASES: Final = frozenset((b"M18", b"M84"))
 """Commands that switch the motors off."""
+
+
+def _has_second(word: bytes, rest: bytes) -> bool:
+    """Return True if another command stands behind one that is understood.
+
+    T is a parameter of heaters and fans; M0 may have text behind it.
+    """
+    if word in STILL:
+        return word not in _TEXTS and _SECOND_BESIDE_T.search(rest) is not None
+    if word in _STOPS:
+        return _SECOND.search(rest) is not None and _MOVE.fullmatch(rest) is not None
+    return (word in _READ or word in _RELEASES) and _SECOND.search(rest) is not None
 
 
 def _says_nothing(word: bytes, rest: bytes) -> bool:

@@ -76,6 +76,14 @@ BOTH = [
     ("G90 G1 X5", "\x01G90G1 X5"),
     ("G90G1X5", "$"),
     ("G1X5M106", "$@"),
+    ("M106 S255 G1 X5", "\x01M106S255 G1 X5"),
+    ("M5 G0 Z5", "\x01M5G0 Z5"),
+    ("M5 Z5", "M5"),
+    ("G4 G91", "\x01G4G91"),
+    ("M109 S200 T1", ""),
+    ("M117 G1 X5", ""),
+    ("M486 Aleft_M3.stl", ""),
+    ("M0 fit T2", "M0"),
     ("G1X5F600", "G1X5F600"),
     ("G4", ""),
     ("G4 P250", "G4 P250"),
@@ -135,6 +143,15 @@ def test_of_two_commands_in_a_line_the_second_may_be_obeyed_or_not(dialect: str)
     assert (program.motions.end[1:, 0] / MM).tolist() == pytest.approx([10.0, 20.0])
     assert np.isnan(program.motions.start[1, :2]).all()
     assert np.isnan(program.motions.feed[1])
+
+
+@pytest.mark.parametrize("first", ["M106 S255", "M3 S100", "M5", "G4 P1", "M82", "M84"])
+@pytest.mark.parametrize("dialect", PRINTERS)
+def test_behind_a_command_that_moves_nothing_another_may_be_obeyed_too(dialect: str, first: str) -> None:
+    program = read(f"G21\nG90\nG1 X0 Y0 F600\n{first} G1 X5\nG1 Y5\nG1 X7\n", dialect)
+    assert [note.what for note in program.notes] == [f"line for the controller itself: {first} G1 X5"]
+    assert program.motions.block.tolist() == [2, 4, 5]
+    assert np.isnan(program.motions.start[1:, 0]).all()
 
 
 def test_a_feed_on_a_line_in_doubt_is_where_it_stands() -> None:
