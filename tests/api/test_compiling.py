@@ -229,25 +229,24 @@ def test_code_that_checks_bounds_is_other_code(toy, tmp_path, monkeypatch):
 
 def test_nothing_that_compiled_code_takes_from_elsewhere_is_missed():
     """Whatever a compiled function names is a number, a table, a compiled function, or no part of this package."""
-    named = set()
+    named = {}
     for found in pkgutil.walk_packages(ph_post.__path__, "ph_post."):
         spec = importlib.util.find_spec(found.name)
         if ".data." in found.name or "from ph_post.compiling" not in Path(spec.origin).read_text():
             continue
-        scope = vars(importlib.import_module(found.name))
-        for one in list(scope.values()):
+        for one in list(vars(importlib.import_module(found.name)).values()):
             if code := getattr(getattr(one, "py_func", None), "__code__", None):
-                named |= {(found.name, name) for name in code.co_names if name in one.py_func.__globals__}
+                scope = one.py_func.__globals__
+                named |= {(scope["__name__"], name): scope[name] for name in code.co_names if name in scope}
     assert len(named) > 300
-    for module, name in sorted(named):
-        value = vars(sys.modules[module]).get(name)
-        of_the_package = str(getattr(value, "__module__", "")).startswith("ph_post.")
+    for place, value in sorted(named.items(), key=str):
+        foreign = callable(value) and not str(value.__module__).startswith("ph_post.")
         assert (
             compiling._fact(value) is not None
             or hasattr(value, "py_func")
             or isinstance(value, types.ModuleType)
-            or not of_the_package
-        ), f"{module}: {name}"
+            or foreign
+        ), place
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there nobody waits")
