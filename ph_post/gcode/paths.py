@@ -176,16 +176,20 @@ def _known(program: PartProgram, rows: IntArray) -> tuple[IntArray, tuple[str, .
     unknown = np.flatnonzero(np.isnan(start[:, moves]).any(axis=1))
     if not unknown.size:
         return rows, ()
-    first, last = motions.block[rows[[0, unknown[-1]]]].tolist()
     kept = rows[unknown[-1] + 1 :]
     late = moves & np.isnan(start[unknown[-1]])
     before = int(np.argmax(~np.isnan(end[:, late]).all(axis=1)))
     if before > kept.size:
-        return _known(program, rows[:before])
-    if (motions.kind[rows[: unknown[-1] + 1]] == RAPID).all():
-        return kept, ()
-    word = f"{line_words(first, last)}: where the axes are is not known yet: left out of the path"
-    return kept, (word,)
+        found, said = _known(program, rows[:before])
+        return found, (*said, *_left_out(motions, rows[before:], "all axes are placed there alone"))
+    return kept, _left_out(motions, rows[: unknown[-1] + 1], "where the axes are is not known yet")
+
+
+def _left_out(motions: Motions, rows: IntArray, why: str) -> tuple[str, ...]:
+    """Say that motions are not in a path, where any of them cuts."""
+    if (motions.kind[rows] == RAPID).all():
+        return ()
+    return (f"{line_words(*motions.block[rows[[0, -1]]].tolist())}: {why}: left out of the path",)
 
 
 def _goes(motions: Motions, rows: IntArray) -> IntArray:

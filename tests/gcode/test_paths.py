@@ -213,6 +213,14 @@ def test_an_axis_that_is_named_at_the_end_alone_leaves_the_path_before(end: str)
     assert path.motion.tolist() == [1, 2, 3, 4]
     assert path.s[-1] / 1e-3 == pytest.approx(10.0 + 5.0 + 14.0 + 5.0)
     assert set(path.path.axes) == {"X", "Y"}
+    assert path.warnings == ("line 2: where the axes are is not known yet: left out of the path",)
+
+
+def test_cuts_behind_an_axis_that_is_named_late_are_named() -> None:
+    text = "G21 G90\nG0 X0 Y0\nG1 X10 F600\nG1 Y5\nG1 X-4\nG1 Y0\nG0 Z5\nG1 X9\nG1 X3\nM2\n"
+    (path,) = paths_of(read_program(text.encode(), "drawing.nc"))
+    assert path.motion.tolist() == [1, 2, 3, 4]
+    assert path.warnings == ("lines 7 to 9: all axes are placed there alone: left out of the path",)
 
 
 def test_an_unknown_feed_leaves_the_chain_out() -> None:
