@@ -143,13 +143,20 @@ def where(error: BaseException) -> str:
 def try_program(number: int) -> Tried:
     """Compensate a random program, and look at what comes of it."""
     job = random_text(number)
+    return _tried("programs", number, job.dialect, job.kind, 0, lambda: _outcome(job))
+
+
+def _tried(
+    kind: str, number: int, dialect: str, name: str, lines: int, outcome_of: Callable[[], tuple[str, list[str]]]
+) -> Tried:
+    """Ask for the outcome and the faults of a trial, which may fail itself, or never end."""
     begun, faults, outcome = time.process_time(), [], "failed"
     try:
         with within_time():
-            outcome, faults = _outcome(job)
+            outcome, faults = outcome_of()
     except (Exception, Endless) as error:
         faults = [where(error)]
-    return Tried("programs", number, job.dialect, job.kind, outcome, tuple(faults), 0, time.process_time() - begun)
+    return Tried(kind, number, dialect, name, outcome, tuple(faults), lines, time.process_time() - begun)
 
 
 def _outcome(job: RandomText) -> tuple[str, list[str]]:
@@ -427,14 +434,7 @@ def _taken(job: Damaged, folder: File, done: _Commands) -> str:
 def try_reading(number: int) -> Tried:
     """Read a damaged program, and write it out."""
     job = damaged(number)
-    begun, faults, outcome = time.process_time(), [], "failed"
-    try:
-        with within_time():
-            outcome, faults = _readings(job)
-    except (Exception, Endless) as error:
-        faults = [where(error)]
-    spent = time.process_time() - begun
-    return Tried("readings", number, job.dialect, job.name, outcome, tuple(faults), job.lines, spent)
+    return _tried("readings", number, job.dialect, job.name, job.lines, lambda: _readings(job))
 
 
 def _readings(job: Damaged) -> tuple[str, list[str]]:
