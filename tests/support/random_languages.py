@@ -150,10 +150,10 @@ class _Siemens(_Language):
 
     def repeat(self, lines: list[str], times: int) -> tuple[list[str], list[str]]:
         kind = int(self.rng.integers(3))
-        if kind == 0:
+        if kind == 1 and times > 1:
+            return ["AGAIN:", *lines, "ENDLABEL:", f"REPEAT AGAIN P={times - 1}"], []
+        if kind <= 1:  # a label that nothing repeats computes nothing
             return [f"FOR R1=1 TO {times}", *lines, "ENDFOR"], []
-        if kind == 1:
-            return ["AGAIN:", *lines, "ENDLABEL:", *([f"REPEAT AGAIN P={times - 1}"] if times > 1 else [])], []
         return ["R1=0", f"WHILE R1<{times}", *lines, "R1=R1+1", "ENDWHILE"], []
 
 
