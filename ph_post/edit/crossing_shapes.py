@@ -308,6 +308,8 @@ def stair(up: int, down: int, travel: float, before: float, after: float) -> tup
     rise, fall = p * (fastest - before), q * (fastest - after)
     pieces = np.array([rise] * (up - 1) + [0.5 * (rise + fall)] + [fall] * (down - 1))
     steps = np.append(np.arange(1 - up, 1) * rise, np.arange(1, down) * -fall)
+    if not pieces.any():  # one slope all along: nothing changes at the joints
+        pieces[:] = 1.0
     pieces /= pieces.sum()
     return np.append(0.0, np.cumsum(pieces)), np.append(0.0, np.cumsum(pieces * (fastest + steps)))
 

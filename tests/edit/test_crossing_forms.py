@@ -295,6 +295,15 @@ def test_rounded_joints_of_a_crossing_touch_each_other_at_one_acceleration(
     assert way - 0.5 * (before * lasts[0] + after * lasts[-1]) == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.parametrize(("up", "down"), [(1, 1), (3, 1), (2, 4)])
+@pytest.mark.parametrize("slope", [0.0, 0.25])
+def test_a_motor_that_keeps_its_slope_goes_straight(up: int, down: int, slope: float) -> None:
+    places, travelled = stair(up, down, slope, slope, slope)
+    assert travelled == pytest.approx(slope * places)
+    assert (np.diff(places) > 0.0).all()
+    assert places[-1] == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("part", [0.75, 0.85, 1.0])
 @pytest.mark.parametrize(("radius", "speed", "time"), SMALL[:2])
 def test_how_much_farther_a_table_without_lag_goes_where_the_motor_crosses_in_a_part_of_the_time(
