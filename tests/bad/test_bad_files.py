@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from support.streams import without_progress
 
 from ph_post.cli.main import main
 from ph_post.drive.machinefile import read_machine
@@ -35,7 +36,7 @@ def test_the_command_says_that_line_writes_nothing_and_exits_with_2(case, monkey
     status = main(["convert", path, "-m", machine, "-o", str(tmp_path / "out.ngc")])
     streams = capsys.readouterr()
     assert (status, streams.out) == (2, "")
-    assert streams.err == "ph-post: " + case.read_text(encoding="utf-8")
+    assert without_progress(streams.err) == "ph-post: " + case.read_text(encoding="utf-8")
     assert list(tmp_path.iterdir()) == []
 
 
