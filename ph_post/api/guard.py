@@ -50,20 +50,22 @@ FURTHER: Final = 3
 class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     """What a compensated program does to the part: the sections it makes worse, and its time over the original's.
 
-    `slowdown` is found by running it, `planned` what was reckoned for it; `rms` is the error of the whole program [m].
+    `runs_on` are those of them that only a table makes worse which runs on in its backlash. `slowdown` is found by
+    running it, `planned` what was reckoned for it; `rms` is the error of the whole program [m].
     """
 
     worse: frozenset[int]
     slowdown: float
     planned: float
     rms: float = 0.0
+    runs_on: frozenset[int] = frozenset()
 
 
 def compare_motions(before: ProgramMotion, after: ProgramMotion, planned: float) -> GuardFinding | None:
     """Compare a compensated program with its original on the machine, section by section and as a whole.
 
     The largest, the root mean square and the 95th percentile of the distance from the path are compared, each for
-    the worst initial sides.
+    the worst initial sides, and where tables may run on in their backlash for each way in which they may.
 
     Parameters
     ----------
@@ -79,20 +81,27 @@ def compare_motions(before: ProgramMotion, after: ProgramMotion, planned: float)
     try:
         if max(before.time, after.time) > LONGEST_SIMULATED:
             return None
-        one, other = (_section_errors(motion) for motion in (before, after))
+        errors = [_section_errors(motion) for motion in (before, after)]
     except (PhPostError, MemoryError):
         return None
+    stays, *runs = (_worse_sections(one, other) for one, other in zip(*errors, strict=True))
+    return GuardFinding(
+        worse=stays.union(*runs),
+        runs_on=frozenset().union(*runs) - stays,
+        slowdown=after.time / max(before.time, 1e-9) - 1.0,
+        planned=planned,
+        rms=float(errors[1][0][-1, 1]),
+    )
+
+
+def _worse_sections(one: Array, other: Array) -> frozenset[int]:
+    """Numbers of the sections whose errors, as of `_section_errors`, are larger than those of the original."""
     grown = other[:-1] > WORSE * one[:-1] + SMALL
     grown[:, 0] &= ~_outweighed(one, other)
     worse = grown.any(axis=1)
     if not worse.any() and (other[-1] > WORSE * one[-1] + LEAST).any():
         worse = _blamed(one, other)
-    return GuardFinding(
-        worse=frozenset(np.flatnonzero(worse).tolist()),
-        slowdown=after.time / max(before.time, 1e-9) - 1.0,
-        planned=planned,
-        rms=float(other[-1, 1]),
-    )
+    return frozenset(np.flatnonzero(worse).tolist())
 
 
 def _outweighed(one: Array, other: Array) -> BoolArray:
@@ -115,8 +124,11 @@ def _blamed(one: Array, other: Array) -> BoolArray:
     return np.asarray(grown >= max(float(grown.max()), 0.0))
 
 
-def _section_errors(motion: ProgramMotion) -> Array:
-    """Largest, root mean square and 95th percentile of the error of every section and of all [m], shape (s + 1, 3)."""
+def _section_errors(motion: ProgramMotion) -> list[Array]:
+    """Largest, root mean square and 95th percentile of the error of every section and of all [m], each (s + 1, 3).
+
+    The first are those of tables that stay in their backlash where nothing pushes them, then come tables that run on.
+    """
     cut = motion.cut
     low, _ = section_spans(motion.original.motions)
     section = np.searchsorted(low, cut.motion[cut.counted], side="right") - 1
@@ -124,8 +136,10 @@ def _section_errors(motion: ProgramMotion) -> Array:
     def errors(scenario: Scenario) -> Array:
         return _by_section(cut.counted_distances(scenario), section, low.size)
 
-    tried = [one for one in cut.scenarios() if is_nominal(one)]
-    return np.asarray(np.max(run_scenarios(errors, tried), axis=0))
+    tried = [one for one in cut.scenarios() if is_nominal(one) or one.runs_on is not None]
+    found = dict(zip(tried, run_scenarios(errors, tried), strict=True))
+    stays = np.max([own for one, own in found.items() if one.runs_on is None], axis=0)
+    return [stays, *(own for one, own in found.items() if one.runs_on is not None)]
 
 
 def _by_section(distance: Array, section: IntArray, count: int) -> Array:

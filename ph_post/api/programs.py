@@ -407,7 +407,8 @@ class _PlanSearch:
                 return None if options.largest_first else self._other(*self._kept)
             if tighter.left:
                 where = section_words(self._original, tighter.left)
-                self._said = (f"not compensated in {where}: the part would be no better",)
+                why = "no better" if tighter.left - judged.runs_on else "worse where a table runs on in its backlash"
+                self._said = (f"not compensated in {where}: the part would be {why}",)
             return tighter
         if self._kept is None or judged.rms <= self._kept[1].rms:
             self._best = made

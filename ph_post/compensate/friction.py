@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 
 from ph_post.drive.effects.active import plant_of
+from ph_post.drive.plant import friction_brakes
 from ph_post.types import Array, Axis, FrictionChange, Machine, Scenario
 
 PART: Final = 0.9
@@ -135,15 +136,16 @@ def gentlest_approach(axis: Axis) -> float:
     >>> round(gentlest_approach(read_machine("old_mill").axes["X"]), 4)
     0.001
     """
-    return math.sqrt(2.0 * RUN_ON * axis.gap.lost_motion * friction_brakes(axis))
+    return math.sqrt(2.0 * RUN_ON * axis.gap.lost_motion * friction_brakes(plant_of(axis, Scenario())))
 
 
-def friction_brakes(axis: Axis) -> float:
-    """Return the deceleration [m/s²] by which all of its friction stops an axis; infinite where it is not known."""
-    friction = friction_of(axis)
-    if friction is None or not friction.size or not axis.servo.b:
-        return math.inf
-    return min(friction.plus, friction.minus) / axis.servo.b or math.inf
+def braked(axis: Axis) -> float:
+    """Return the deceleration [m/s²] by which friction stops a table of an axis that runs on in its backlash.
+
+    Infinite where the axis never brakes harder: where the file has no friction, or enough.
+    """
+    slows = friction_brakes(plant_of(axis, Scenario()))
+    return slows if slows < axis.limits.acceleration else math.inf
 
 
 def friction_share(friction: Friction, turned: Array, speed: Array) -> Array:

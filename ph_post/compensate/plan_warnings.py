@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.compensate.friction import friction_brakes
+from ph_post.compensate.friction import braked
 from ph_post.compensate.layout import Layout
 from ph_post.compensate.limit_curve import UNBOUNDED, LimitCurve
 from ph_post.compensate.offsets import lead_in, may_shift
@@ -281,15 +281,16 @@ def side_warnings(axes: Iterable[Axis]) -> list[str]:
         for axis in given
         if not axis.loop.encloses_backlash and backlash_varies(axis)
     ]
-    return [*varies, *(_run_on_warning(axis) for axis in own if friction_brakes(axis) < axis.limits.acceleration)]
+    brakes = [(axis, braked(axis)) for axis in own]
+    return [*varies, *(_run_on_warning(axis, slows) for axis, slows in brakes if math.isfinite(slows))]
 
 
-def _run_on_warning(axis: Axis) -> str:
-    slows, safe = (float(f"{part * friction_brakes(axis) / MM:.2g}") for part in (1.0, SAFE))
+def _run_on_warning(axis: Axis, brakes: float) -> str:
+    slows, safe = (float(f"{part * brakes / MM:.2g}") for part in (1.0, SAFE))
     return (
-        f"if the friction of axis {axis.name} is at its table, that runs on through its backlash where the motor "
-        f"brakes harder than {slows:g} mm/s², as behind rapids, and the part may come out worse; "
-        f"max_acceleration_mm_s2 = {safe:g} or less, in the controller too, prevents it"
+        f"the table of axis {axis.name} may run on through its backlash where the motor brakes harder than its "
+        f"friction, {slows:g} mm/s²: what would make the part worse then is left as it is; "
+        f"max_acceleration_mm_s2 = {safe:g} or less, in the controller too, holds the table"
     )
 
 

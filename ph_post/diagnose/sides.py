@@ -17,8 +17,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
 
-from ph_post.compiling import compiled
 from ph_post.diagnose.consistency import MOST, regimes
+from ph_post.drive.plant import coast
 from ph_post.identify.errors import BLOCKS, block_covariance, rounding_of
 from ph_post.identify.free_run import AxisProblem
 from ph_post.types import Array, BoolArray
@@ -141,32 +141,6 @@ def gap_between(problem: AxisProblem) -> SidesGap | None:
         after=float(np.sqrt(after)),
         motor=place,
     )
-
-
-@compiled
-def coast(motor: Array, gap: float, slows: float, period: float) -> Array:
-    """Return the place of a table (n,) in a gap behind a motor (n,), from its middle on.
-
-    Where nothing pushes the table, friction slows it down by `slows` [m/s²], at once where that is infinite; where it
-    meets a side of the gap it goes on with the motor.
-
-    Examples
-    --------
-    >>> coast(np.array([0.0, 2.0, 4.0, 3.0, 1.0]), 2.0, np.inf, 1.0)
-    array([0., 1., 3., 3., 2.])
-    >>> coast(np.array([0.0, 2.0, 4.0, 4.0, 4.0]), 2.0, 0.5, 1.0)
-    array([0. , 1. , 3. , 4.5, 5. ])
-    """
-    half, at, speed = 0.5 * gap, motor[0], 0.0
-    found = np.empty_like(motor)
-    for k in range(motor.size):
-        speed = max(speed - slows * period, 0.0) if speed > 0.0 else min(speed + slows * period, 0.0)
-        at += speed * period
-        if abs(at - motor[k]) > half:
-            at = motor[k] + (half if at > motor[k] else -half)
-            speed = (motor[k] - motor[k - 1]) / period if k else 0.0
-        found[k] = at
-    return found
 
 
 def _parts(problem: AxisProblem, adds: Array, rest: Array, use: BoolArray) -> Iterator[tuple[Array, Array]]:

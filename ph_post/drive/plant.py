@@ -23,6 +23,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.compiling import compiled
 from ph_post.types import LOOPS, Array, Axis, Cascade, Feedback, Loop, Pickup, Scenario
 
 Force = Callable[[float, float, float, float], float]
@@ -115,6 +116,9 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
         [s].
     reading : TableReading
         Errors of the table's reading: cyclic, scale, thermal, other axes; see :func:`ph_post.drive.plant.read_table`.
+    slows : float
+        Deceleration by which friction slows a table down that nothing pushes in its backlash [m/s²], where the loop
+        does not enclose that; infinite where it stays at once.
     forces : tuple of callables
         Further forces; an axis that has any runs in the slow engine.
     """
@@ -147,6 +151,7 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
     command_delay: float = 0.0
     reading_delay: float = 0.0
     reading: TableReading = TableReading()
+    slows: float = math.inf
     forces: tuple[Force, ...] = ()
 
     @property
@@ -203,6 +208,18 @@ def base_plant(axis: Axis, scenario: Scenario) -> Plant:
         reference=axis.reference_side,
         pickup=gap.pickup or scenario.pickup or "standstill",
     )
+
+
+def friction_brakes(plant: Plant) -> float:
+    """Return the deceleration [m/s²] by which all of its friction stops an axis; infinite where none is known.
+
+    Examples
+    --------
+    >>> friction_brakes(Plant(feedback="motor", b=1e-4, c=1e-3, coulomb_plus=6e-6, coulomb_minus=8e-6))
+    0.06
+    """
+    known = plant.b > 0.0 and max(plant.coulomb_plus, plant.coulomb_minus) + plant.static > 0.0
+    return min(plant.coulomb_plus, plant.coulomb_minus) / plant.b or math.inf if known else math.inf
 
 
 def delayed(values: Array, samples: float) -> Array:
@@ -305,6 +322,32 @@ def table_behind(plant: Plant, motor: Array, flank: int) -> Array:
         if np.array_equal(before, table):
             break
     return table
+
+
+@compiled
+def coast(motor: Array, gap: float, slows: float, period: float) -> Array:
+    """Return the place of a table (n,) in a gap behind a motor (n,), from its middle on.
+
+    Where nothing pushes the table, friction slows it down by `slows` [m/s²], at once where that is infinite; where it
+    meets a side of the gap it goes on with the motor.
+
+    Examples
+    --------
+    >>> coast(np.array([0.0, 2.0, 4.0, 3.0, 1.0]), 2.0, np.inf, 1.0)
+    array([0., 1., 3., 3., 2.])
+    >>> coast(np.array([0.0, 2.0, 4.0, 4.0, 4.0]), 2.0, 0.5, 1.0)
+    array([0. , 1. , 3. , 4.5, 5. ])
+    """
+    half, at, speed = 0.5 * gap, motor[0], 0.0
+    found = np.empty_like(motor)
+    for k in range(motor.size):
+        speed = max(speed - slows * period, 0.0) if speed > 0.0 else min(speed + slows * period, 0.0)
+        at += speed * period
+        if abs(at - motor[k]) > half:
+            at = motor[k] + (half if at > motor[k] else -half)
+            speed = (motor[k] - motor[k - 1]) / period if k else 0.0
+        found[k] = at
+    return found
 
 
 def referred_table(plant: Plant, table: Array) -> Array:

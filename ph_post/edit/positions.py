@@ -122,7 +122,9 @@ class Restart(msgspec.Struct, frozen=True, kw_only=True):
     late: bool
 
 
-def find_restarts(program: PartProgram, times: Array, named: BoolArray, *, late: bool) -> list[Restart]:
+def find_restarts(
+    program: PartProgram, times: Array, named: BoolArray, *, late: bool, apart: float = RESTART
+) -> list[Restart]:
     """Find the rapids ahead of a plunge that bring all axes to their places, wherever they were.
 
     Parameters
@@ -133,7 +135,9 @@ def find_restarts(program: PartProgram, times: Array, named: BoolArray, *, late:
     named : BoolArray, shape (m, 3)
         Axes that the lines of motions name, as :func:`shiftable` has them.
     late : bool
-        Not only the first of each chain, but one at least :data:`RESTART` behind another as well.
+        Not only the first of each chain, but one some time behind another as well.
+    apart : float
+        That time [s].
     """
     motions = program.motions
     if not motions.kind.size:
@@ -145,12 +149,12 @@ def find_restarts(program: PartProgram, times: Array, named: BoolArray, *, late:
     clock = np.append(0.0, np.cumsum(times))
     numbers = np.cumsum(np.append(False, np.diff(motions.chain) != 0))
     found: list[Restart] = []
-    apart = np.append(True, np.diff(numbers) != 0)
-    ends = np.flatnonzero(np.append(~alone | apart, True))
-    rests = np.flatnonzero(np.append(~rapid | apart, True))
-    for first in np.flatnonzero(rapid & ~np.append(False, rapid[:-1] & ~apart[1:])).tolist():
+    heads = np.append(True, np.diff(numbers) != 0)
+    ends = np.flatnonzero(np.append(~alone | heads, True))
+    rests = np.flatnonzero(np.append(~rapid | heads, True))
+    for first in np.flatnonzero(rapid & ~np.append(False, rapid[:-1] & ~heads[1:])).tolist():
         fresh = not found or found[-1].chain != numbers[first]
-        if not fresh and not (late and clock[first] - clock[found[-1].first] >= RESTART):
+        if not fresh and not (late and clock[first] - clock[found[-1].first] >= apart):
             continue
         run = slice(first, int(rests[np.searchsorted(rests, first, side="right")]))
         cut = int(ends[np.searchsorted(ends, run.stop)])

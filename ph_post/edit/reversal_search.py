@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from functools import cached_property
 from typing import Final
@@ -9,11 +10,12 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.compensate.friction import braked
 from ph_post.dialects.base import Dialect
 from ph_post.edit.crossing_ground import APPROACH, CrossingGround
 from ph_post.edit.crossing_search import CrossingSearch
 from ph_post.edit.edits import EditOptions
-from ph_post.edit.positions import approach_again, find_restarts, position_from, resting_places
+from ph_post.edit.positions import RESTART, approach_again, find_restarts, position_from, resting_places
 from ph_post.edit.preconditions import (
     cutting_feed,
     why_indivisible,
@@ -119,7 +121,15 @@ class ReversalSearch:
             options.tolerance,
             part_side=options.part_side,
         )
-        restarts = find_restarts(program, self.times, ground.shiftable, late=options.max_slowdown >= LITTLE)
+        # A table that runs on behind a rapid is anywhere in its backlash.
+        flies = any(math.isfinite(braked(machine.axes[name])) for name in amplitude)
+        restarts = find_restarts(
+            program,
+            self.times,
+            ground.shiftable,
+            late=options.max_slowdown >= LITTLE,
+            apart=0.0 if flies else RESTART,
+        )
         chain = np.searchsorted(self._whole, [one.first for one in restarts], side="right") - 1
         self._restarts = [replace(one, chain=number) for one, number in zip(restarts, chain.tolist(), strict=True)]
         self.crossings = CrossingSearch(ground, self._whole, self._restarts)

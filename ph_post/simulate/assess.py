@@ -31,6 +31,9 @@ T = TypeVar("T")
 KEPT: Final = 4
 """Runs with which others are compared: backlash as stated, larger and smaller, each of which may be on two sides."""
 
+RUNS_ON: Final = (1.0, 2.0)
+"""Times the friction of the file by which tables are slowed down that run on: without its motor a table is lighter."""
+
 PICKUPS: Final[tuple[Pickup, ...]] = ("standstill", "momentum", "contact")
 """Every pick-up rule; all are tried where the file names none."""
 
@@ -211,7 +214,7 @@ def gap_error(
 
 def backlash_scenarios(tried: Iterable[Scenario]) -> tuple[Scenario, ...]:
     """Leave out the scenarios that differ from the machine file in more than their backlash."""
-    return tuple(one for one in tried if one.beta == one.gain == one.friction == 1.0)
+    return tuple(one for one in tried if one.beta == one.gain == one.friction == 1.0 and one.runs_on is None)
 
 
 def resting_axes(command: Command) -> tuple[str, ...]:
@@ -232,7 +235,8 @@ def scenarios(machine: Machine, axes: Sequence[str], resting: Collection[str] | 
     change the way through the gap and not where it is entered. All axes have the same rule and factors; of axes with
     different uncertainties the largest counts. What makes no difference to any axis is left out: of two axes at most
     48 are left, 16 where the rule is known, 12 where no axis has a scale on the table; of three 84, 28 and 24. Where
-    an axis has friction it is 6 more, 2 where the rule is known.
+    an axis has friction it is 6 more, 2 where the rule is known; 2 more where a table that its motor does not hold may
+    run on in its backlash, as the motor brakes harder than friction.
 
     Parameters
     ----------
@@ -265,6 +269,7 @@ def scenarios(machine: Machine, axes: Sequence[str], resting: Collection[str] | 
         bases = nominal if uncertain == "gap" else nominal[:: len(sides)]
         for factor in (1.0 + spread, max(1.0 - spread, 0.0)):
             found += [replace(one, **{uncertain: factor}) for one in bases]
+    found += [replace(nominal[0], runs_on=factor) for factor in RUNS_ON]
     return _distinct(found, drives, resting)
 
 
@@ -297,7 +302,8 @@ def _looks(axis: Axis, scenario: Scenario, rests: bool) -> object:
 
 def is_nominal(scenario: Scenario) -> bool:
     """Return whether a scenario has the values of the machine file."""
-    return scenario.gap == scenario.beta == scenario.gain == scenario.friction == 1.0
+    exact = scenario.gap == scenario.beta == scenario.gain == scenario.friction == 1.0
+    return exact and scenario.runs_on is None
 
 
 def decisive(errors: Sequence[ContourError | None], tried: Sequence[Scenario]) -> tuple[int, int]:
@@ -354,4 +360,5 @@ def scenario_words(scenario: Scenario) -> str:
         ("friction", scenario.friction),
     )
     words += [f"{name} × {factor:g}" for name, factor in factors if factor != 1.0]
+    words += ["the table runs on in its backlash"] if scenario.runs_on is not None else []
     return ", ".join(words) or "the values of the machine file"

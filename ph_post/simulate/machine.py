@@ -20,7 +20,17 @@ from ph_post.drive.automaton import STATES, Key, Zone
 from ph_post.drive.cascade import arriving
 from ph_post.drive.effects.active import plant_of
 from ph_post.drive.hybrid import Automaton, build_automaton, given_by
-from ph_post.drive.plant import TRUE_READING, Plant, delayed, force_on, gap_at, read_table, referred_table, table_behind
+from ph_post.drive.plant import (
+    TRUE_READING,
+    Plant,
+    coast,
+    delayed,
+    force_on,
+    gap_at,
+    read_table,
+    referred_table,
+    table_behind,
+)
 from ph_post.simulate import kernel
 from ph_post.simulate.slow import NO_STATES, SlowAxis, filled_columns, level_for, modes_of
 from ph_post.types import Array, Axis, Command, Event, EventKind, IntArray, Machine, Run, Scenario, sealed
@@ -238,7 +248,7 @@ def run_plant(
     The table is where it is, referred to the side where its zero was taken; not what screw or scale make its reading.
     `given` (n,), where it has room, receives what the loops give: :func:`ph_post.drive.hybrid.given_by`.
     """
-    linear = replace(plant, forces=(), cutting=(), reading=TRUE_READING)
+    linear = replace(plant, forces=(), cutting=(), reading=TRUE_READING, slows=math.inf)
     automaton = build_automaton(linear)
     sent = delayed(trace.position, plant.command_delay / period)
     cascade = plant.cascade
@@ -261,6 +271,8 @@ def run_plant(
         _, instants, log = kernel.advance(command, period, z, first, modes, force, fed, table, motor, states)
     if given.size:
         given[:] = given_by(linear, command, fed, states, period)
+    if plant.slows < math.inf:
+        table = coast(motor, plant.gap, plant.slows, period)
     changes = Changes(automaton.keys, first, trace.begin + instants * period, log)
     return delayed(referred_table(plant, table), plant.reading_delay / period), motor, changes
 

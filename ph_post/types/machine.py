@@ -226,7 +226,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     `pickup` and `flank` stand in place of what the file leaves open (None: standstill, and the flank "+"); the
     axes in `opposite` stand on the other flank. `gap`, `beta`, `gain` and `friction` are factors on the file's values.
-    A gap of 0 is the machine without backlash.
+    A gap of 0 is the machine without backlash. Tables behind their motors stay in their backlash where nothing pushes
+    them; with `runs_on` they run on, slowed by so many times the friction of the file.
     """
 
     pickup: Pickup | None = None
@@ -236,3 +237,4 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     beta: float = 1.0
     gain: float = 1.0
     friction: float = 1.0
+    runs_on: float | None = None

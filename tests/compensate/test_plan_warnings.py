@@ -45,5 +45,5 @@ def test_a_table_that_friction_does_not_hold_is_warned_of(part: float, warned: b
     found = side_warnings([replace(axis, effects=(EffectSetting(name="coulomb_friction", parameters=error),))])
     assert len(found) == warned
     if warned:
-        assert f"brakes harder than {brakes / MM:g} mm/s²" in found[0]
+        assert f"brakes harder than its friction, {brakes / MM:g} mm/s²" in found[0]
         assert f"max_acceleration_mm_s2 = {0.9 * brakes / MM:g} or less" in found[0]

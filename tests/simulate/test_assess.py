@@ -18,8 +18,9 @@ from ph_post.files.path import read_path
 from ph_post.files.storage import or_shipped
 from ph_post.simulate.assess import PICKUPS, assess, resting_axes, scenario_words, scenarios
 from ph_post.simulate.contour import Nominal
-from ph_post.simulate.machine import first_flank
-from ph_post.types import Scenario
+from ph_post.simulate.machine import first_flank, simulate
+from ph_post.types import Command, EffectSetting, Scenario
+from tests.support.cascade_plant import pushed
 
 
 def job(path, machine, **options):
@@ -150,6 +151,38 @@ def test_friction_is_tried_larger_and_smaller_on_axes_that_have_some():
     axes = read_machine("old_mill").axes
     assert plant_of(axes["X"], less).coulomb_plus == pytest.approx(0.02e-3)
     assert plant_of(axes["Z"], less).load == plant_of(axes["Z"], Scenario()).load == pytest.approx(0.04e-3)
+
+
+def command_at(t, position):
+    """Return a command of X alone."""
+    still, none = np.zeros(t.size), np.zeros(t.size, dtype=np.int64)
+    return Command(
+        axes=("X",), period=1e-3, t=t, segment=none, xi=still, s=still, position=position, feed=still, window=none
+    )
+
+
+def test_tables_run_on_where_motors_brake_harder_than_friction():
+    """The table behind the motor that was simulated is where one between stiff stops is, of the test's own."""
+    machine = read_machine("router")
+    brakes = 0.25 * machine.axes["X"].limits.acceleration
+    error = {"following_error_mm": 1e3 * machine.axes["X"].servo.b * brakes}
+    axis = replace(machine.axes["X"], effects=(EffectSetting(name="coulomb_friction", parameters=error),))
+    machine = replace(machine, axes={"X": axis})
+    tried = [one for one in scenarios(machine, ("X",)) if one.runs_on is not None]
+    assert [one.runs_on for one in tried] == [1.0, 2.0]
+    assert scenario_words(tried[0]).endswith("the table runs on in its backlash")
+    t = 1e-3 * np.arange(3000)
+    place = (8e-3 * np.sin(9.0 * t) * np.minimum(t / 0.3, 1.0))[:, None]
+    command = command_at(t, place)
+    gap, stays = axis.gap.lost_motion, simulate(command, machine, Scenario()).executed[:, 0]
+    for one in tried:
+        run = simulate(command, machine, one)
+        expected = pushed(run.motor[:, 0], gap, brakes * one.runs_on)
+        # The stops give back a part of each impact: for a moment behind it they differ by up to a tenth of the gap.
+        assert np.quantile(np.abs(run.executed[:, 0] - expected), 0.95) < 0.02 * gap
+        assert np.abs(stays - expected).max() > 0.3 * gap
+    enough = replace(axis, limits=replace(axis.limits, acceleration=0.9 * brakes))
+    assert all(one.runs_on is None for one in scenarios(replace(machine, axes={"X": enough}), ("X",)))
 
 
 def test_an_axis_that_moves_at_first_knows_its_flank():

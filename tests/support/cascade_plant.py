@@ -104,6 +104,28 @@ def play(motor: Array, gap: float, flank: int = 1) -> Array:
     return np.array(found)
 
 
+def pushed(motor: Array, gap: float, friction: float) -> Array:
+    """A table of unit mass between stiff, damped stops, with dry friction [m/s²], in 25 steps a sample."""
+    stiff, damped, fine = (2.0 * np.pi * 200.0) ** 2, 0.8 * 2.0 * np.pi * 200.0, 25
+    step = PERIOD / fine
+    driver = np.interp(np.arange(motor.size * fine) / fine, np.arange(motor.size), motor)
+    rates = np.gradient(driver, step)
+    at, speed, found = float(motor[0]), 0.0, []
+    for k, (place, rate) in enumerate(zip(driver.tolist(), rates.tolist(), strict=True)):
+        if k % fine == 0:
+            found.append(at)
+        apart = place - at
+        push = 0.0
+        if apart > 0.5 * gap:
+            push = max(stiff * (apart - 0.5 * gap) + damped * (rate - speed), 0.0)
+        elif apart < -0.5 * gap:
+            push = min(stiff * (apart + 0.5 * gap) + damped * (rate - speed), 0.0)
+        free = speed + step * push
+        speed = max(free - step * friction, 0.0) if free > 0.0 else min(free + step * friction, 0.0)
+        at += step * speed
+    return np.array(found)
+
+
 def two_bodies(
     drive: Drive, command: Array, gap: float, eta: float, beta: float, damping: float, rule: Pickup, side: str
 ) -> Array:

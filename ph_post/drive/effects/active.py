@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from typing import Final
 
@@ -10,7 +11,7 @@ from msgspec.structs import replace
 
 from ph_post.drive.effects.base import Effect, effect_values
 from ph_post.drive.effects.registry import find_effect, is_effect
-from ph_post.drive.plant import Plant, base_plant, scale_profile
+from ph_post.drive.plant import Plant, base_plant, friction_brakes, scale_profile
 from ph_post.types import Axis, EffectSetting, Scenario
 
 FRICTION: Final = ("coulomb_plus", "coulomb_minus", "static", "viscous_plus", "viscous_minus")
@@ -69,7 +70,7 @@ def plant_of(axis: Axis, scenario: Scenario) -> Plant:
 
     A scenario's factor of the gap is one of all that the gap is at any place, that of friction one of all that
     resists by the direction or the speed of the motion, beyond c. Where gravity holds the axis, the gap is closed at
-    all places.
+    all places. A table that runs on does so where motors brake harder than its friction.
     """
     plant = base_plant(axis, scenario)
     for one in active_effects(axis):
@@ -78,6 +79,9 @@ def plant_of(axis: Axis, scenario: Scenario) -> Plant:
         plant = replace(plant, **{name: scenario.friction * getattr(plant, name) for name in FRICTION})
     if axis.gravity_side:
         return replace(plant, gap=0.0, widening=None)
+    if scenario.runs_on is not None and not axis.loop.encloses_backlash:
+        slows = scenario.runs_on * friction_brakes(plant)
+        plant = replace(plant, slows=slows if slows < axis.limits.acceleration else math.inf)
     if plant.widening is None or scenario.gap == 1.0:
         return plant
     return replace(plant, widening=scale_profile(plant.widening, scenario.gap))

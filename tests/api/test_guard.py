@@ -1,0 +1,99 @@
+"""Programs for tables that run on in their backlash, executed by a cascade and a table of the tests' own equations."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from scipy.spatial import cKDTree
+
+import ph_post as ph
+from ph_post.gcode.read import read_program
+from ph_post.types import EffectSetting, Limits, Machine
+from tests.support.cascade_plant import PERIOD, Drive, motor_of, play, pushed
+from tests.support.cascade_records import machine_of
+from tests.support.played import play_program
+
+DRIVE, GAP = Drive(tn=12e-3, velocity=0.9), 3e-5
+LIMITS = Limits(velocity=0.1, acceleration=0.8, jerk=80.0)
+PROGRAM = """G21 G90 G17 G94 G64 P0.005
+G0 X0 Y0
+G0 Z2
+G1 Z-1 F300
+G1 X20 F900
+G3 X21 Y1 I0 J1
+G1 Y11
+G3 X20 Y12 I-1 J0
+G1 X4
+G0 Z2
+G0 X41 Y3
+G1 Z-1 F300
+G3 X41 Y3 I-8 J0 F900
+G0 Z2
+M2
+"""
+"""Arcs of 1 mm, across which a motor brakes with 0.225 m/s², and of 8 mm, 0.028 m/s²."""
+
+
+def machine(friction: float | None) -> Machine:
+    """Return a machine whose file has a friction [m/s²], or none."""
+    axis = replace(machine_of(DRIVE, GAP).axes["X"], limits=LIMITS)
+    if friction is not None:
+        error = {"following_error_mm": 1e3 * friction / (DRIVE.kv * DRIVE.wv)}
+        axis = replace(axis, effects=(EffectSetting(name="coulomb_friction", parameters=error),))
+    axes = {name: replace(axis, name=name) for name in "XY"}
+    axes["Z"] = replace(machine_of(DRIVE).axes["X"], name="Z", limits=LIMITS)
+    return replace(machine_of(DRIVE), axes=axes)
+
+
+@cache
+def compensated(friction: float | None) -> tuple[str, tuple[str, ...]]:
+    found = ph.compensate(read_program(PROGRAM.encode(), "slot"), machine(friction), max_slowdown=0.15)
+    return found.program().decode(), found.warnings
+
+
+def played(text: str) -> np.ndarray:
+    return play_program(text, "XYZ", PERIOD, np.zeros(3)).position
+
+
+@cache
+def errors(text: str, brakes: float) -> tuple[float, float]:
+    """Largest and rms distance [µm] of a table from the path that friction brakes by so much [m/s²]."""
+    place = played(text)
+    tables = []
+    for column in place.T[:2]:
+        motor = motor_of(DRIVE, column - column[0], fine=10) + column[0]
+        tables.append(play(motor, GAP) if np.isinf(brakes) else pushed(motor, GAP, brakes))
+    fine = play_program(PROGRAM, "XYZ", 2e-4, np.zeros(3)).position
+    way = cKDTree(fine[fine[:, 2] < -0.5e-3, :2])
+    moves = np.hypot(*np.gradient(place[:, :2], axis=0).T) > 1e-8
+    off = 1e6 * way.query(np.stack(tables, axis=1)[(place[:, 2] < -0.99e-3) & moves])[0]
+    return float(off.max()), float(np.sqrt((off**2).mean()))
+
+
+@pytest.mark.parametrize("brakes", [0.06, 0.15, np.inf])
+def test_no_table_is_worse_than_with_the_original_whether_it_runs_on_or_stays(brakes: float) -> None:
+    text, said = compensated(0.06)
+    before, after = errors(PROGRAM, brakes), errors(text, brakes)
+    assert after[0] <= 1.01 * before[0]
+    assert after[1] < 0.9 * before[1]
+    # The slot is left and named; the circle is not, on which no motor brakes as hard as friction.
+    slot, changed = (
+        text[text.index(first) : text.index(last)]
+        for first, last in (("G0 X0", "(ph-post: +6"), ("(ph-post: +6", "M2"))
+    )
+    assert slot in PROGRAM
+    assert any("lines 2 to 9: the part would be worse where a table runs on" in one for one in said)
+    assert any("the table of axis X may run on" in one and "its friction, 60 mm/s²" in one for one in said)
+    assert "crossing Y-, crossing X+, crossing Y+" in changed
+
+
+def test_what_is_written_for_much_friction_is_worse_on_easy_guideways() -> None:
+    """What the guard keeps from those who state their friction: the test above could fail."""
+    text, said = compensated(0.8)
+    assert errors(text, 0.06)[0] > 1.15 * errors(PROGRAM, 0.06)[0]
+    assert errors(text, 0.06)[1] > 1.3 * errors(PROGRAM, 0.06)[1]
+    assert errors(text, np.inf)[1] < 0.25 * errors(PROGRAM, np.inf)[1]
+    assert not any("run on" in one or "not compensated" in one for one in said)
