@@ -9,6 +9,7 @@ from typing import Final
 import msgspec
 
 from ph_post.api.led_programs import (
+    CHORDS_HOLD,
     HOLDS,
     OverrideError,
 )
@@ -110,7 +111,7 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def _lead_notes(program: PartProgram) -> tuple[str, ...]:
     """Return the notes in the head of a program that say at which feed override its lead holds."""
     declared = read_declaration(program.data)
-    return () if declared is None else tuple(note for note in declared.notes if note.startswith(HOLDS))
+    return () if declared is None else tuple(note for note in declared.notes if note.startswith((HOLDS, CHORDS_HOLD)))
 
 
 def cycle_time(motion: ProgramMotion) -> float:

@@ -12,7 +12,6 @@ from ph_post.api.compensated_program import CompensatedProgram, ProgramRequest, 
 from ph_post.api.guard import ROUNDS, SLACK, compare_motions, with_neighbours
 from ph_post.api.led_programs import (
     CHORD_BLOCKS,
-    HOLDS,
     LeadPlan,
     lead_note,
     override_errors,
@@ -137,8 +136,8 @@ class LeadWork:
     ) -> CompensatedProgram:
         self._progress("running it at other feed overrides")
         errors = override_errors(self._program, after, self._machine) if cycle_time(motion) <= LONGEST_SIMULATED else ()
-        if errors:
-            declared, after, verdict = self._written(plan, (lead_note(errors),))
+        note = lead_note(errors, plan.holds)
+        declared, after, verdict = self._written(plan, (note,))
         edits = Edits(offset=frozen(np.zeros((self._program.motions.kind.size, 3))))
         bare = reread(self._program, apply_changes(self._program, self._changes(plan.free), self._dialect, declared))
         plain = ProgramMotion(bare, self._program, self._machine, "program with the lead alone", self._progress)
@@ -147,7 +146,7 @@ class LeadWork:
             before=self._program,
             after=after,
             declaration=declared,
-            edits=replace(edits, warnings=(lead_note(errors) if errors else HOLDS, *plan.warnings)),
+            edits=replace(edits, warnings=(note, *plan.warnings)),
             windows=plan.plans,
             verdict=verdict,
             motions=(self._before, motion),

@@ -74,6 +74,13 @@ class LeadPlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     warnings: tuple[str, ...]
     reach: float = 0.0
 
+    @property
+    def holds(self) -> str:
+        """Return what whoever runs the program has to know."""
+        first = {one.first for one in self.stretches}
+        leads = any(one.plan.inverse_dynamics for one in self.plans if int(one.path.motion[0]) in first)
+        return HOLDS if leads else CHORDS_HOLD
+
     def leaving(self, sections: frozenset[int], low: IntArray) -> LeadPlan:
         """Return the plan without the stretches of some sections, which begin at the motions `low`."""
         kept, free = (
@@ -171,6 +178,11 @@ def plan_lead(
         except PhPostError as error:
             said.append(f"{where} not led: {error}")
             continue
+        if not plan.inverse_dynamics:
+            changes = plan.crossings or any(plan.bias.values()) or plan.phases != plan.nominal
+            said.append(f"{where}: {NO_LEAD if changes else NOTHING_LED}")
+            if not changes:
+                continue
         made = WindowPlan(path=one, analysis=analysis, plan=plan)
         words = (word for word in plan.warnings if not word.startswith("the table begins"))
         said += [word if len(wanted) == 1 else f"{where}: {word}" for word in words]
@@ -339,12 +351,19 @@ def _error(motion: ProgramMotion) -> ContourError:
     return ContourError(max=float(sizes[0]), rms=float(sizes[1]))
 
 
+NO_LEAD: Final = "neither lag nor friction is led, as the part is better so: the chords cross backlash alone"
+
+NOTHING_LED: Final = "not led: nothing that was tried makes the part better"
+
 HOLDS: Final = "the lead holds at 100 percent feed override"
 """What whoever runs a program with the lead has to know."""
 
+CHORDS_HOLD: Final = "the chords without a lead hold at 100 percent feed override"
+"""The same where no stretch leads anything."""
 
-def lead_note(errors: Sequence[OverrideError]) -> str:
-    """Say at which feed override a lead holds, and by how much it errs at others; for the head of the program.
+
+def lead_note(errors: Sequence[OverrideError], holds: str = HOLDS) -> str:
+    """Say at which feed override a lead `holds`, and by how much it errs at others; for the head of the program.
 
     Examples
     --------
@@ -356,7 +375,7 @@ def lead_note(errors: Sequence[OverrideError]) -> str:
         f"at {100.0 * one.override:.0f} percent {_size(one.after)} um, of the original {_size(one.before)} um"
         for one in errors
     ]
-    return f"{HOLDS}, largest/rms error {', '.join(parts)}"
+    return f"{holds}, largest/rms error {', '.join(parts)}" if parts else holds
 
 
 def _size(error: ContourError) -> str:

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from ph_post.api.compensated_program import CompensatedProgram
 from ph_post.api.crossed_paths import CrossedPath
-from ph_post.api.led_programs import OverrideError
+from ph_post.api.led_programs import CHORDS_HOLD, OverrideError
 from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.api.reversals import ProgramReversal
 from ph_post.edit.further_write import offset_words
@@ -76,7 +76,9 @@ def changes_summary(delivery: CompensatedProgram) -> str:
     facts += [f"{', '.join(added)} added"] if added else []
     if declared is not None and declared.led:
         led = counted(declared.led, "stretch", "stretches")
-        facts += [f"lead of the servos written into {led}, up to {millimetres(declared.lead)} mm from the path"]
+        alone = any(note.startswith(CHORDS_HOLD) for note in declared.notes)
+        what = "chords without a lead, which cross backlash," if alone else "lead of the servos"
+        facts += [f"{what} written into {led}, up to {millimetres(declared.lead)} mm from the path"]
     return "; ".join(facts)
 
 

@@ -10,6 +10,7 @@ import msgspec
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.compensated_program import CompensatedProgram
 from ph_post.api.further_axes import FurtherError
+from ph_post.api.led_programs import CHORDS_HOLD
 from ph_post.api.outcomes import Compensation, left_words, passed_through
 from ph_post.api.path_compensation import PathCompensation
 from ph_post.api.program_compensation import ProgramCompensation
@@ -48,6 +49,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     """A motion before and after compensation.
 
     `time` before and after [s]; `error` by all causes and `error_gap` what backlash adds, before and after;
+    `error_worst` the first of the compensated motion on the worst machine that the file leaves possible;
     `error_gap_worst` that of the compensated motion if the backlash is off by its relative `uncertainty`. What was
     not simulated, or cannot be, is None. `axes` are compensated, `reversals` counts those of axes with backlash,
     None where that is not known. `left` says what is not compensated, and what would change that; `trouble` why
@@ -61,6 +63,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
 
     time: tuple[float, float] | None = None
     error: tuple[ContourError | None, ContourError | None] = (None, None)
+    error_worst: ContourError | None = None
     error_gap: tuple[ContourError | None, ContourError | None] = (None, None)
     error_gap_worst: ContourError | None = None
     uncertainty: float = 0.0
@@ -178,6 +181,7 @@ def summarize_motions(
     return ResultSummary(
         time=(before.time, after.time),
         error=(before.error, after.error),
+        error_worst=after.error_worst,
         error_gap=(before.error_gap, after.error_gap),
         error_gap_worst=after.error_gap_worst,
         sides=(before.sides, after.sides),
@@ -233,6 +237,8 @@ def _led_in_program(found: CompensatedProgram) -> str:
     declared = found.declaration or read_declaration(found.after.data)
     if declared is None or not declared.led:
         return ""
+    if any(note.startswith(CHORDS_HOLD) for note in declared.notes):
+        return ""
     return max((_led(one.plan) for one in found.windows), key=len, default="lag")
 
 
@@ -245,7 +251,11 @@ def _whole_error_words(found: ResultSummary) -> list[str]:
         ("" if found.alone else f"{rounded_micrometres(first)} → ") + rounded_micrometres(last)
         for first, last in ((before.max, after.max), (before.rms, after.rms))
     )
-    return [f"error with {found.leads} {largest} µm max, {broad} µm rms"]
+    # Where an axis with an integrator rests friction decides by less than a micrometre which way it pushes at last.
+    size = found.error_worst
+    worst = size is not None and size.max > HIDING * after.max
+    most = f" ({rounded_micrometres(size.max)} in the worst case of the machine file)" if worst and size else ""
+    return [f"error with {found.leads} {largest} µm max{most}, {broad} µm rms"]
 
 
 def _into_part(found: ResultSummary) -> str:

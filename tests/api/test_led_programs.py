@@ -13,12 +13,20 @@ from support.streams import without_progress
 from support.two_masses import body_of, table_of
 
 import ph_post as ph
+from ph_post.api import led_programs
+from ph_post.api.compensated_program import ProgramRequest
+from ph_post.api.lead_work import LeadWork
 from ph_post.api.led_programs import overridden
 from ph_post.cli.main import main
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import make_plan
 from ph_post.dialects.declaration import read_declaration
+from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
+from ph_post.edit.edits import EditOptions
 from ph_post.edit.lead_edits import chord_ends
 from ph_post.gcode.read import read_program
+from ph_post.progress import no_progress
 from ph_post.verify.verify import verify
 
 RADIUS = 0.02
@@ -204,3 +212,32 @@ def test_the_best_of_lead_and_backlash_is_written(machine: str, led: bool) -> No
     again = ph.compensate(read_program(found.program(), "square.ngc"), machine, lead_program=True, effort=0.02)
     assert again.program() == found.program()
     assert ph.undo(read_program(found.program(), "square.ngc")) == SQUARE.encode()
+
+
+def test_a_stretch_that_leads_nothing_is_not_said_to_lead(monkeypatch, tmp_path, capsys):
+    """The plan of a table may leave lag and friction, and do nothing but cross backlash."""
+    program, router = read_program(CIRCLE.encode(), "circle.ngc"), read_machine("router")
+
+    def planned(analysis, options, progress):
+        return make_plan(analysis, replace(options, inverse_dynamics=False), progress)
+
+    monkeypatch.setattr(led_programs, "make_plan", planned)
+    request = ProgramRequest(
+        plan=PlanOptions(strategy="fly", max_slowdown=0.3), edit=EditOptions(max_slowdown=0.3), lead=True
+    )
+    found = LeadWork(program, router, find_dialect(router.dialect), request, no_progress).made(None)
+    assert found.declaration.led == 1
+    assert any(
+        one.startswith("the chords without a lead hold at 100 percent feed override, ") for one in found.warnings
+    )
+    assert any(one.startswith("line 5: neither lag nor friction is led") for one in found.warnings)
+    assert not any("the lead holds" in one for one in found.warnings)
+    assert "(ph-post: note the chords without a lead hold at 100 percent" in found.after.data.decode()
+    # The command's own words, of the program that it finds made already as of the one that it makes.
+    monkeypatch.setattr("ph_post.api.program_compensation.compensate_program", lambda *_: found)
+    (tmp_path / "circle.ngc").write_bytes(CIRCLE.encode())
+    assert main(["convert", str(tmp_path / "circle.ngc"), "-m", "router", "-o", str(tmp_path / "led.ngc")]) == 0
+    said = capsys.readouterr().err
+    assert "chords without a lead, which cross backlash, written into 1 stretch" in said
+    assert "lead of the servos" not in said
+    assert "error with lag" not in said

@@ -273,3 +273,6 @@ def test_where_lag_is_led_the_error_by_all_causes_is_said_too() -> None:
     assert result_lines(replace(summary, error_gap=small)) == result_lines(replace(summary, leads="", error_gap=small))
     (alone,) = result_lines(replace(summary, alone=True))
     assert alone.endswith("; error with friction and lag 6.3 µm max, 0.8 µm rms")
+    (worst,) = result_lines(replace(summary, error_worst=ContourError(max=14.8e-6, rms=1e-6)))
+    assert worst.endswith(" 62 → 6.3 µm max (15 in the worst case of the machine file), 45 → 0.8 µm rms")
+    assert result_lines(replace(summary, error_worst=ContourError(max=6.6e-6, rms=1e-6))) == [line]

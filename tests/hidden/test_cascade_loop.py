@@ -13,10 +13,10 @@ from msgspec.structs import replace
 import ph_post as ph
 from ph_post.diagnose.diagnose import diagnose
 from ph_post.gcode.read import read_program
-from ph_post.types import EffectSetting, Limits, Machine
+from ph_post.types import EffectSetting, Gap, Limits, Machine
 from tests.hidden.test_loop import CIRCLE, RADIUS
 from tests.support.cascade_plant import Drive, motor_of, play
-from tests.support.cascade_records import machine_of, record
+from tests.support.cascade_records import averaged, machine_of, record
 from tests.support.played import play_program
 
 DRIVE, GAP, FRICTION = Drive(tn=12e-3, velocity=0.95), 4e-5, 0.3
@@ -99,3 +99,35 @@ def test_a_program_with_the_lead_takes_friction_out_of_a_cascade() -> None:
     left = ph.compensate(read_program(PROGRAM.encode(), "circle"), machine, strategy="none")
     said = "the friction of X and Y stays in the part, behind each reversal; --lead-program or --table leads it"
     assert said in left.warnings
+
+
+SMALL = """G21 G90 G17 G94 G64 P0.005
+G0 X4 Y0
+G1 Z-1 F200
+G3 X4 Y0 I-4 J0 F900
+G0 Z5
+M2
+"""
+
+
+def test_the_worst_case_of_a_claim_holds_where_friction_decides_how_a_cut_begins() -> None:
+    """At rest a micrometre decides which way an integrator pushes, and so the error of the first moments."""
+    drive, friction, length = Drive(tn=12e-3, velocity=1.0), 0.4, 8
+    machine = machine_of(drive, NARROW)
+    error = {"following_error_mm": 1e3 * friction / (drive.kv * drive.wv)}
+    axis = machine.axes["X"]
+    servo = replace(axis.servo, cascade=replace(axis.servo.cascade, moving_average=1e-3 * length))
+    axis = replace(axis, servo=servo, effects=(EffectSetting(name="coulomb_friction", parameters=error),))
+    machine = with_all_axes(replace(machine, axes={"X": axis}))
+    still = replace(ph.read_machine("stepper").axes["Z"], gap=Gap(lost_motion=0.0), limits=LIMITS)
+    machine = replace(machine, axes={**machine.axes, "Z": still})
+    found = ph.compensate(read_program(SMALL.encode(), "small"), machine, max_slowdown=0.3)
+    commands, counted = found.after.command.position[:, :2], found.after.assessment.counted
+    sizes = []
+    for factor in (1.0, 0.8, 1.2):
+        motors = (motor_of(drive, averaged(one - one[0], length), factor * friction, fine=20) for one in commands.T)
+        place = [one[0] + play(motor, NARROW) for one, motor in zip(commands.T, motors, strict=True)]
+        sizes.append(float(np.abs(np.hypot(*place) - 4e-3)[counted].max()))
+    assert found.after.error.max == pytest.approx(sizes[0], rel=0.05)
+    assert found.after.error_worst.max > 0.98 * max(sizes)
+    assert max(sizes) > 4.0 * min(sizes)
