@@ -123,12 +123,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if thinned := item.get_closest_marker("thinned"):
             function = item.nodeid.partition("[")[0]
-            always, slowly = (*thinned.args, 1)[:2]
-            assert always % slowly == 0, f"{function}: what is tried always is tried by .ci/run too"
+            (always,) = thinned.args
+            assert always % 2 == 0, f"{function}: what is tried always is tried by .ci/run too"
             if cases[function] % always:
                 item.add_marker(pytest.mark.slow)
-            if cases[function] % slowly and os.environ.get(ALL) != EVERY:
-                item.add_marker(pytest.mark.skip(reason=f"one in {slowly} is tried: all with {ALL}={EVERY}"))
+            if cases[function] % (always // 2) and os.environ.get(ALL) != EVERY:
+                item.add_marker(pytest.mark.skip(reason=f"one in {always // 2} is tried: all with {ALL}={EVERY}"))
             cases[function] += 1
         if item.nodeid.startswith(SLOW_FOLDERS):
             item.add_marker(pytest.mark.slow)

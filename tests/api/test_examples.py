@@ -12,7 +12,7 @@ FUNCTIONS = [name for name in ph.__all__ if inspect.isroutine(getattr(ph, name))
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_example(name):
     function = getattr(ph, name)
     module = importlib.import_module(function.__module__)

@@ -28,7 +28,7 @@ def stepper_with_play_in_the_plane() -> ph.Machine:
 
 @pytest.mark.parametrize("allowed", [0.06, 10.0])
 @pytest.mark.parametrize("name", PROGRAMS)
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_the_error_that_backlash_causes_is_that_of_a_play_operator(tmp_path: Path, name: str, allowed: float) -> None:
     machine = stepper_with_play_in_the_plane()
     file = tmp_path / f"{name}.ngc"

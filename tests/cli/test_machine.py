@@ -550,7 +550,7 @@ def test_a_file_that_comes_up_meanwhile_stays_and_no_answer_is_lost(tmp_path):
 # --- the machine that was written works at once ---
 
 
-@pytest.mark.thinned(27, 3)
+@pytest.mark.thinned(28)
 @pytest.mark.parametrize(("dialect", "loop"), list(product(dialect_names(), ("load", "motor", "none"))))
 def test_a_new_machine_works_at_once(capsys, tmp_path, loop, dialect):
     file, program = str(tmp_path / "mine.toml"), tmp_path / "oval.ngc"

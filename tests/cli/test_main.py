@@ -213,7 +213,7 @@ def test_a_program_beside_a_table_is_said_not_to_lead(capsys, tmp_path):
 
 @pytest.mark.parametrize("strategy", ["none", "linear", "suppress", "dwell"])
 @pytest.mark.parametrize("machine", ["mill", "router", "stepper"])
-@pytest.mark.thinned(8, 2)
+@pytest.mark.thinned(8)
 def test_tables_keep_the_limits_with_all_that_is_added(capsys, tmp_path, strategy, machine):
     from ph_post.compensate.violations import check_command
     from ph_post.drive.machinefile import read_machine

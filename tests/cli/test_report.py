@@ -26,7 +26,7 @@ def data_of(text):
     return json.loads(found, parse_constant=refuse)
 
 
-@pytest.mark.thinned(8, 2)
+@pytest.mark.thinned(8)
 @pytest.mark.parametrize("name", sorted(shipped_names("paths"), key="oval".__ne__))
 def test_every_shipped_path_has_a_page_without_nan_and_not_too_large(name, tmp_path, capsys):
     page = tmp_path / "page.html"
@@ -129,7 +129,7 @@ DRAWING = [
 ]
 
 
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 @pytest.mark.parametrize(("ending", "command"), list(product(("png", "svg", "pdf"), DRAWING)))
 def test_commands_draw_in_the_format_of_the_ending(tmp_path, monkeypatch, capsys, command, ending):
     monkeypatch.chdir(tmp_path)

@@ -150,7 +150,7 @@ def planned(path: Path, machine: Machine) -> Plan:
 
 
 @pytest.mark.parametrize("name", CORNERS)
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_an_exact_corner_takes_nearly_the_least_time(name: str) -> None:
     sides, machine, path = job(name)
     plan = planned(path, machine)
@@ -190,7 +190,7 @@ def chained(path: Path) -> tuple[float, Jet, list[float]]:
 
 
 @pytest.mark.parametrize(("name", "within"), ROUNDED)
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_a_rounded_corner_is_run_in_nearly_the_least_time_without_a_stop(name: str, within: float) -> None:
     _, machine, path = job(name)
     rounded = with_rounded_corners(path, within * MM)

@@ -194,7 +194,7 @@ CASES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_what_is_led_does_no_harm_with_half_of_it(case):
     effects, axis, gain = CASES[case]
     path, machine = rubbing(effects, **axis)

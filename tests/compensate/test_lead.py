@@ -154,7 +154,7 @@ def test_a_motion_rests_at_its_stops() -> None:
     ("name", "plain", "largest", "rms", "longer"),
     [("pocket", 37.0, 12.0, 1.2, 0.025), ("butterfly", 213.0, 32.0, 6.0, 0.03), ("oval", 52.0, 9.0, 0.8, 0.01)],
 )
-@pytest.mark.thinned(6, 3)
+@pytest.mark.thinned(6)
 def test_the_mill_is_led_for_little_time(name: str, plain: float, largest: float, rms: float, longer: float) -> None:
     # What is left is the backlash: without it the errors are below a micrometre.
     before, led = plans(read_path(PATHS / f"{name}.json"), read_machine("mill"))
@@ -175,7 +175,7 @@ def test_the_mill_is_led_for_little_time(name: str, plain: float, largest: float
     [{}, {"ki_over_kp": 8.0}, {"ki_over_kp": 8.0, "kd_over_kp": 0.005}, {"ki_over_kp": 12.0, "kd_over_kp": 0.03}],
     ids=["P", "PI", "PID", "PID that swings"],
 )
-@pytest.mark.thinned(8, 2)
+@pytest.mark.thinned(8)
 def test_all_controllers_are_inverted(servo: dict[str, float], seed: int) -> None:
     machine = with_servo(read_machine("mill"), **servo)
     before, led = plans(spline(seed), machine)

@@ -133,7 +133,7 @@ def test_offsets_without_a_stop_are_led_in_no_more_time() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("servo", [{"ki_over_kp": 8.0}, {"ki_over_kp": 8.0, "kd_over_kp": 0.005}], ids=["PI", "PID"])
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_an_oval_is_ten_times_as_exact_with_an_integrator(servo: dict[str, float]) -> None:
     """While it unwinds at the end there is time left for axes to be pushed onto their sides."""
     mill = read_machine("mill")

@@ -17,7 +17,7 @@ MM = 1e-3
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["mix", "ladder_y", "fast_x", "circles_xy", "diagonals_xy"])
-@pytest.mark.thinned(8, 2)
+@pytest.mark.thinned(8)
 def test_linuxcnc_runs_it_inside_room_and_limits(name: str) -> None:
     machine = read_machine("router")
     kit = calibration_kit(machine, travel=(40.0 * MM,))

@@ -16,7 +16,7 @@ WRITTEN = 2.0
 
 
 @pytest.mark.parametrize(("angle", "feed"), [(90.0, 1200.0), (90.0, 3000.0), (135.0, 1200.0)])
-@pytest.mark.thinned(4, 4)
+@pytest.mark.thinned(8)
 def test_rounded_corners_stay_within_the_tolerance_and_are_as_quick_as_the_controllers_own(
     angle: float, feed: float
 ) -> None:

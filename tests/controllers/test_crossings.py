@@ -91,7 +91,7 @@ def crossed(case: Case, text: bytes | None = None) -> bytes:
         ("G64 P0.05", 400),
     ],
 )
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_path_modes_leave_crossings_as_they_are(mode: str, chords: int) -> None:
     case = CASE
     text = program(case, mode, chords)

@@ -43,7 +43,7 @@ def named_by_folder(file):
 
 
 @needs_rs274
-@pytest.mark.thinned(8, 2)
+@pytest.mark.thinned(8)
 @pytest.mark.parametrize("file", SHIPPED[::6], ids=named_by_folder)
 def test_shipped_programs_come_to_the_same_calls(file):
     comes_to_the_same_calls(file)

@@ -118,7 +118,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.thinned(8, 2)
+@pytest.mark.thinned(8)
 def test_the_model_commands_what_the_planner_commands(case: str) -> None:
     text, name = CASES[case]
     machine = read_machine(name)

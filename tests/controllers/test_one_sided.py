@@ -41,7 +41,7 @@ def holes(rows: np.ndarray, scale: float) -> np.ndarray:
 
 @pytest.mark.parametrize("mode", ["G61", "G64 P0.005", "G64"])
 @pytest.mark.parametrize("side", [None, "-"])
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_holes_of_the_real_controller(mode: str, side: str | None) -> None:
     machine = replace(read_machine("stepper"), dialect="linuxcnc", servo_period=1e-3)
     result = ph.compensate(read_program(drilling(mode), "holes.ngc"), machine, position_from=side)

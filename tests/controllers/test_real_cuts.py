@@ -60,7 +60,7 @@ def measured(cuts: tuple[Cut, ...], setting: Setting, how: str, lost: float) -> 
 @pytest.mark.parametrize(
     ("cuts", "setting"), JOBS, ids=["small", "wide", "lag of 10 ms", "lag and 0.1 mm", "lag of 25 ms", "fast"]
 )
-@pytest.mark.thinned(2, 2)
+@pytest.mark.thinned(4)
 def test_a_crossing_costs_a_micrometre_or_two(cuts: tuple[Cut, ...], setting: Setting) -> None:
     own = measured(cuts, setting, "plain", 0.0)
     plain = measured(cuts, setting, "plain", setting.lost)

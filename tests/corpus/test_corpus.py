@@ -98,7 +98,7 @@ def test_every_byte_is_kept(name):
 
 
 @each
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_what_is_read_is_what_linuxcnc_reads(name):
     if RS274 is None:
         pytest.skip("LinuxCNC's rs274 is not installed")
@@ -113,7 +113,7 @@ def test_what_is_read_is_what_linuxcnc_reads(name):
 
 
 @jobs
-@pytest.mark.thinned(12, 6)
+@pytest.mark.thinned(12)
 def test_the_compensated_program_is_judged_right(name, machine, strategy):
     program, output = programs(name, machine, strategy)
     verdict = verify(program, output, tolerance=TOLERANCE, machine=MACHINES[machine])
@@ -121,7 +121,7 @@ def test_the_compensated_program_is_judged_right(name, machine, strategy):
 
 
 @jobs
-@pytest.mark.thinned(12, 3)
+@pytest.mark.thinned(12)
 def test_outside_hunks_only_declared_numbers_change(name, machine, strategy):
     program, output = programs(name, machine, strategy)
     before, after = (one.data.splitlines(keepends=True) for one in (program, output))
@@ -175,7 +175,7 @@ def require_offsets(old: bytes, new: bytes, declared: dict[bytes, tuple[Decimal,
 
 
 @jobs
-@pytest.mark.thinned(12, 3)
+@pytest.mark.thinned(12)
 def test_undoing_gives_every_byte_back(name, machine, strategy):
     program, output = programs(name, machine, strategy)
     if program.data == output.data:
@@ -186,7 +186,7 @@ def test_undoing_gives_every_byte_back(name, machine, strategy):
 
 
 @jobs
-@pytest.mark.thinned(12, 3)
+@pytest.mark.thinned(12)
 def test_a_second_run_changes_nothing(name, machine, strategy):
     _, output = programs(name, machine, strategy)
     again = compensated(output, MACHINES[machine], dialect_of(ALL[name]), strategy)
@@ -194,7 +194,7 @@ def test_a_second_run_changes_nothing(name, machine, strategy):
 
 
 @jobs
-@pytest.mark.thinned(12, 3)
+@pytest.mark.thinned(12)
 def test_linuxcnc_accepts_the_output_and_makes_the_same_of_what_is_not_declared(name, machine, strategy):
     if RS274 is None:
         pytest.skip("LinuxCNC's rs274 is not installed")

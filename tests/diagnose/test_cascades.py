@@ -72,7 +72,7 @@ OTHERS: list[tuple[Callable[[], Log], dict[str, float]]] = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("hidden", "expected"), OTHERS)
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_hidden_effects(hidden: Callable[[], Log], expected: dict[str, float]) -> None:
     found = diagnose(hidden(), machine_of(KNOWN))
     assert found.verdict == "named"
@@ -143,7 +143,7 @@ def in_the_loop(machine: Machine, gap: float) -> Machine:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("side", ["motor", "load"])
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_gap_in_the_loop(side: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tests.support.cascade_plant.FINE", 25)
     command = moves()

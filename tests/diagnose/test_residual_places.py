@@ -113,7 +113,7 @@ CASES = {
 @pytest.mark.parametrize(
     ("name", "motion"), [*product(CASES, list(MOTIONS)[:1]), *product(reversed(CASES), list(MOTIONS)[1:])]
 )
-@pytest.mark.thinned(16, 2)
+@pytest.mark.thinned(16)
 def test_a_known_place_comes_first(name: str, motion: str) -> None:
     case, m = CASES[name], MOTIONS[motion]()
     first, *_ = places(m, case.residual(m))

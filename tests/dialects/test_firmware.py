@@ -59,7 +59,7 @@ CASES = [
 """No program of a path can carry `step` or `fly`."""
 
 
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 @pytest.mark.parametrize(("path", "strategy"), CASES)
 def test_no_program_has_a_word_that_firmware_refuses(path: Path, strategy: str) -> None:
     plan = plan_of(path, strategy)

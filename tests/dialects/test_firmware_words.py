@@ -52,7 +52,7 @@ UNCHANGED = ("to_and_fro", "drilling_grbl")
 
 
 @pytest.mark.parametrize(("file", "firmware"), SPLICED, ids=lambda one: getattr(one, "stem", one))
-@pytest.mark.thinned(16, 2)
+@pytest.mark.thinned(16)
 def test_nothing_is_spliced_in_that_firmware_refuses(file: Path, firmware: str) -> None:
     """Lines that were not there before; what the program held itself is the user's."""
     data = file.read_bytes()

@@ -55,7 +55,7 @@ def ran(name: str, dialect: str) -> Reader:
     return RUN[dialect](written(name, dialect).text)
 
 
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 @pytest.mark.parametrize(("name", "dialect"), list(product(NAMES, RUN)))
 def test_a_control_would_go_along_the_shipped_path(name: str, dialect: str) -> None:
     program, found = written(name, dialect), ran(name, dialect)
@@ -73,7 +73,7 @@ def test_a_control_would_go_along_the_shipped_path(name: str, dialect: str) -> N
     assert distance(thinned, reached).max() <= 2.0 * TOLERANCE + 2.0 * quantum
 
 
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 @pytest.mark.parametrize(("name", "dialect"), list(product(NAMES, RUN)))
 def test_reading_back_gives_what_a_control_would_do(name: str, dialect: str) -> None:
     program, expected = written(name, dialect), ran(name, dialect).run.moves

@@ -79,7 +79,7 @@ def _plan(path: Path, machine: Path, strategy: str) -> Plan:
 
 
 @pytest.mark.parametrize(("path", "machine", "strategy"), _cases())
-@pytest.mark.thinned(12, 6)
+@pytest.mark.thinned(12)
 def test_program_is_the_path_and_the_plan(path: Path, machine: Path, strategy: str) -> None:
     compare_program(path, machine, strategy)
 

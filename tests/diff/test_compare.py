@@ -283,7 +283,7 @@ FREECAD = [
 
 
 @pytest.mark.parametrize("entry", FREECAD, ids=lambda entry: entry.name)
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_compensated_programs_differ_by_what_they_declare(entry):
     """Three axes carry 0.025 mm each, and come onto their flanks from 0.075 mm beside their places."""
     program = read_program(entry.file.read_bytes(), entry.name)

@@ -46,7 +46,7 @@ def rates(path: Array) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize("filters", FILTERS)
 @pytest.mark.parametrize("name", [name for name in DRIVES if name != "limited"])
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_led_motion_on_a_plant_of_its_own(name: str, filters: str) -> None:
     """What the fine steps leave is 0.1 µm, what a chord of a period leaves as much."""
     drive, path = replace_deadband(DRIVES[name]), there_and_back()

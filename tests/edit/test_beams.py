@@ -240,7 +240,7 @@ def laid(text: str, relative: bool) -> list[tuple[np.ndarray, float]]:
 @pytest.mark.parametrize("dialect", ["marlin", "klipper"])
 @pytest.mark.parametrize("relative", [True, False], ids=["M83", "M82"])
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
-@pytest.mark.thinned(16, 2)
+@pytest.mark.thinned(16)
 def test_filament_goes_with_the_original_way(shape: str, relative: bool, dialect: str) -> None:
     points = SHAPES[shape]
     text = printed(points, relative)

@@ -82,7 +82,7 @@ def errors(original: str, changed: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", [*CASES, *INCHES])
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_the_table_keeps_to_the_path_however_it_is_written(name: str, tmp_path: Path) -> None:
     text = whole(name)
     made = compensate(text.encode(), machine())

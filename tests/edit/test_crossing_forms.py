@@ -50,7 +50,7 @@ def test_a_one_sided_crossing_leaves_an_eighth(radius: float, speed: float, time
 
 
 @pytest.mark.parametrize(("radius", "speed", "time"), SMALL)
-@pytest.mark.thinned(8, 2)
+@pytest.mark.thinned(8)
 def test_a_balanced_crossing_leaves_a_sixteenth_and_is_left_on_tangents(
     radius: float, speed: float, time: float
 ) -> None:

@@ -163,7 +163,7 @@ Made = dict[tuple[str, str], tuple[str, Compensated]]
 
 
 @pytest.mark.parametrize("case", programs(), ids="/".join)
-@pytest.mark.thinned(16, 2)
+@pytest.mark.thinned(16)
 def test_the_table_keeps_to_the_original_within_what_the_head_declares(made: Made, case: tuple[str, str]) -> None:
     text, found = made[case]
     changed = found.text.decode()
@@ -304,7 +304,7 @@ def test_linuxcnc_takes_the_motor_s_speed_in_three_steps_up_and_three_down(made:
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 @pytest.mark.parametrize("lost", [(0.02, 0.05, 0.0), (0.1, 0.1, 0.0), (0.03, 0.08, 0.06)])
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_other_sizes_of_backlash_and_z_from_one_side(dialect: str, lost: tuple[float, ...]) -> None:
     # Z goes up and down on the way; its zero was taken downwards.
     cut = "G0 X20 Y0 Z5\nG1 Z-1 F300\nG1 X20 Y10 Z-2 F900\nG1 X0 Y20 Z-1\nG1 X-20 Y0 Z-3\nG1 X0 Y-20 Z-2\n"

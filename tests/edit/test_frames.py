@@ -43,7 +43,7 @@ def made(text: str, dialect: str) -> Compensated:
 
 
 @pytest.mark.parametrize(("dialect", "name"), CASES)
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(4)
 def test_a_stretch_in_another_frame_is_left_to_the_byte_and_named(dialect: str, name: str) -> None:
     begin, end, word = FRAMES[name]
     # The lead-in and the lead-out turn X and Y round, as the circle does four times.
@@ -95,7 +95,7 @@ def test_the_head_says_once_for_which_work_offsets_it_holds(dialect: str) -> Non
     "line", ["G68 X0. Y0. R30.", "G51.1 X0.", "G92 X20. Y0.", "G52 X1. Y1.", "G10 L2 P1 X5.", "G65 P100 X5.", "G31 X5."]
 )
 @pytest.mark.parametrize("between", ["", "(half)\n", "M8\n"])
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(4)
 def test_no_motion_word_comes_beside_a_word_that_takes_the_axis_words(line: str, between: str) -> None:
     # The circle before it ends in a crossing or in a stop, whose last block is a G1.
     text = f"{HEAD}{CIRCLE}{between}{line}\nX20. Y0. I-20. J0.\n{END}"

@@ -151,7 +151,7 @@ def errors(text: str, path: list[Move]) -> tuple[float, float]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_it_is_as_exact_as_the_best_and_no_slower(kind: str, tmp_path: Path) -> None:
     make, best, best_rms, longer = KINDS[kind]
     text = "\n".join([*HEAD, *make(), "G0 Z5", "M2", ""])

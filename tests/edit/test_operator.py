@@ -140,7 +140,7 @@ So docs/strategies.md states them."""
 
 @pytest.mark.parametrize("override", OVERRIDES)
 @pytest.mark.parametrize("case", CASES, ids=str)
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_no_override_and_no_stop_makes_the_part_worse_than_the_plain_program(case: Case, override: float) -> None:
     running, (block, hold) = STATED[case.lag]
     for stops in ("", "block", "hold"):

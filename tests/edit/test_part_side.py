@@ -58,7 +58,7 @@ def signed(text: str, radius: float, plane: int) -> np.ndarray:
 @pytest.mark.parametrize("size", RADIUS)
 @pytest.mark.parametrize("plane", [17, 18, 19])
 @pytest.mark.parametrize(("code", "side"), [(2, "left"), (2, "right"), (3, "left"), (3, "right")])
-@pytest.mark.thinned(16, 2)
+@pytest.mark.thinned(16)
 def test_a_circle_is_left_proud_on_the_side_of_the_part(
     dialect: str, size: str, plane: int, code: int, side: str
 ) -> None:

@@ -79,7 +79,7 @@ def test_holes_are_exact_from_the_first_one(dialect, begin):
 
 @pytest.mark.parametrize("side", ["+", "-"])
 @pytest.mark.parametrize("true", [0.0, 0.5, 1.0, 1.7, 2.0])
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_holes_from_one_side_do_not_need_the_size_of_the_backlash(true, side):
     text, result = compensated(drilling(), machine(), position_from=side)
     plain, _ = compensated(drilling(), machine())
@@ -215,7 +215,7 @@ def test_short_holes_keep_the_time_that_is_allowed():
 
 @pytest.mark.parametrize("turn", ["G2", "G3"])
 @pytest.mark.parametrize("side", [None, "+", "-"])
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_contours_behind_holes_are_as_good_as_without(side, turn):
     lines = ["G21 G90 G17 G94 G64 P0.005 Q0", "G0 Z5"]
     for k in range(6):

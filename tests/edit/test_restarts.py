@@ -107,7 +107,7 @@ def test_there_is_a_mark_for_each_tool_and_each_minute(pair: tuple[str, str]) ->
 
 
 @pytest.mark.parametrize("begin", [*BEGINS, (0.0, 0.0, 30.0), (21.3, 5.2, 5.0)])
-@pytest.mark.thinned(8, 2)
+@pytest.mark.thinned(8)
 def test_from_a_mark_the_part_is_as_good_as_from_the_beginning(pair: tuple[str, str], begin) -> None:
     own, text = pair
     path = flat_path(own)
@@ -119,7 +119,7 @@ def test_from_a_mark_the_part_is_as_good_as_from_the_beginning(pair: tuple[str, 
 
 
 @pytest.mark.slow
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_from_any_other_line_only_the_first_way_through_the_backlash_differs(pair: tuple[str, str]) -> None:
     own, text = pair
     path = flat_path(own)
@@ -151,7 +151,7 @@ def test_from_any_other_line_only_the_first_way_through_the_backlash_differs(pai
 
 @pytest.mark.slow
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-@pytest.mark.thinned(8, 2)
+@pytest.mark.thinned(8)
 def test_from_no_line_the_tool_is_lower_than_in_the_plain_program(pair: tuple[str, str], side: float) -> None:
     own, text = pair
     moves, lines = interpret(text), text.split("\n")

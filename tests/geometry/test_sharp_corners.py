@@ -70,7 +70,7 @@ def from_ray(point, corner, direction):
 
 @pytest.mark.parametrize("degrees", [1, 10, 38.7, 90, 120, 150, 174, -1, -60, -90, -174])
 @pytest.mark.parametrize("turn", [0.0, 0.3, 2.2, -3.0])
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_between_lines_it_is_a_quintic_of_continuous_curvature_at_the_tolerance(degrees: float, turn: float) -> None:
     tolerance, angle = 2e-5, math.radians(degrees)
     directions = np.exp(1j * turn), np.exp(1j * (turn + angle))
@@ -164,7 +164,7 @@ def between_curves() -> dict[str, Path]:
 
 
 @pytest.mark.parametrize("name", between_curves())
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_between_curves_tangent_and_curvature_are_continuous_within_the_tolerance(name: str) -> None:
     path, tolerance = between_curves()[name], 2e-5
     found = round_sharp_corners(path, tolerance)

@@ -24,7 +24,7 @@ def test_the_same_seed_draws_the_same_case() -> None:
 
 
 @pytest.mark.parametrize("name", ["coulomb_friction", "backlash", "squareness", "transport_delay"])
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_an_effect_shows_and_is_named_nowhere(name: str) -> None:
     case = draw_case([name], EVERY, "motor", 1)
     assert LEAST <= case.ratio <= MOST

@@ -40,7 +40,7 @@ def named(result: Result) -> set[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(("name", "channels", "feedback", "seed"), SINGLES[::4])
-@pytest.mark.thinned(2, 2)
+@pytest.mark.thinned(4)
 def test_one_hidden_effect_is_named_and_sized(name: str, channels: str, feedback: str, seed: int) -> None:
     """Four of them, of which two are tried by .ci/run; all of them in tests/long."""
     is_named_and_sized(name, channels, feedback, seed)
@@ -62,7 +62,7 @@ def is_named_and_sized(name: str, channels: str, feedback: str, seed: int) -> No
         (["cyclic_error", "thermal_growth"], "act+motor", "motor", 13),
     ],
 )
-@pytest.mark.thinned(2, 2)
+@pytest.mark.thinned(4)
 def test_two_hidden_effects_are_both_named(names: list[str], channels: str, feedback: str, seed: int) -> None:
     result = diagnosed("pair", names, channels, feedback, seed)
     assert named(result) == {(truth["name"], truth["axis"]) for truth in result["truths"]}
@@ -80,7 +80,7 @@ def test_two_hidden_effects_are_both_named(names: list[str], channels: str, feed
         ("unknown", "cascade-load", 27, 10),
     ],
 )
-@pytest.mark.thinned(2, 2)
+@pytest.mark.thinned(4)
 def test_nothing_is_invented(channels: str, feedback: str, seed: int, every: int) -> None:
     """`every`: of so many rows, a millisecond apart, one is kept."""
     assert diagnosed("nothing", [], channels, feedback, seed, every)["verdict"] == "nothing-missing"
@@ -95,7 +95,7 @@ def test_what_does_the_same_is_told_as_ambiguous() -> None:
 
 
 @pytest.mark.parametrize(("name", "seed"), [("hum", 0), ("loading", 4)])
-@pytest.mark.thinned(2, 2)
+@pytest.mark.thinned(4)
 def test_what_no_name_explains_is_unknown_and_adds_nothing(name: str, seed: int) -> None:
     result = diagnosed("outside", [name], "act", "motor", seed)
     assert result["verdict"] == "unknown"

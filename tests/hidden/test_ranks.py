@@ -22,7 +22,7 @@ from tests.support.plants.ranks import ALIKE, alike, tell_apart
         ("scale_error", ("act",), 0, "coulomb_friction", False),
     ],
 )
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_names_are_alike_where_physics_says_so(
     hidden: str, channels: tuple[str, ...], seed: int, other: str, same: bool
 ) -> None:

@@ -34,7 +34,7 @@ def off(found: Estimate, true: float) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("weight", "gap", "channels"), CASES)
-@pytest.mark.thinned(4, 4)
+@pytest.mark.thinned(8)
 def test_structure_gains_and_gap(weight: float, gap: float, channels: str) -> None:
     """What a free run leaves is the noise, though steps of the reference are 25 µs long."""
     drive = Drive(tn=12e-3, velocity=weight)
@@ -54,7 +54,7 @@ def test_structure_gains_and_gap(weight: float, gap: float, channels: str) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("weight", "gap", "force"), [(0.7, 2e-5, 0.5), (0.95, 4e-5, 0.3), (0.0, 2e-5, 0.5)])
-@pytest.mark.thinned(2, 1)
+@pytest.mark.thinned(4)
 def test_friction_takes_nothing_from_gains_and_gap(weight: float, gap: float, force: float) -> None:
     """Without friction in the fit K_v came out as 34.6 ± 2, and 20 µm of backlash as 31.8 ± 2.6."""
     drive = Drive(tn=12e-3, velocity=weight)
@@ -74,7 +74,7 @@ def test_friction_takes_nothing_from_gains_and_gap(weight: float, gap: float, fo
 
 @pytest.mark.slow
 @pytest.mark.parametrize("weight", [0.95, 1.0])
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_a_current_loop_is_found_or_allowed_for(weight: float) -> None:
     drive = Drive(tn=12e-3, velocity=weight, current=5e-4)
     shown = identify(record(drive), feedback={"X": "motor"}).drives["X"]

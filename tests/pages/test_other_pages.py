@@ -85,7 +85,7 @@ def test_a_diagnosis_is_told_where_one_points_and_is_zoomed(browser, tmp_path):
 
 @pytest.mark.parametrize("verdict", ["named", "nothing-missing", "ambiguous", "unknown", "not-identifiable"])
 @pytest.mark.parametrize("width", [390, 1300])
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_every_verdict_is_shown_on_every_screen(browser, tmp_path, verdict, width):
     shown = show(browser, tmp_path, diagnosis_page(each_verdict()[verdict], "run.csv"), width=width)
     assert shown.page.locator("h1").first.inner_text()

@@ -120,7 +120,7 @@ def on_circle(rule: Pickup | None, limited: bool, **options: Any) -> Result:
 
 
 @pytest.mark.parametrize("limited", [False, True])
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_a_table_that_stops_dead_is_brought_across_the_gap(limited: bool) -> None:
     result = on_circle("standstill", limited)
     assert result.gain("standstill") >= 50.0
@@ -129,7 +129,7 @@ def test_a_table_that_stops_dead_is_brought_across_the_gap(limited: bool) -> Non
 
 
 @pytest.mark.parametrize("limited", [False, True])
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_a_motor_that_keeps_its_momentum_is_brought_across_the_gap(limited: bool) -> None:
     result = on_circle("momentum", limited)
     assert result.gain("momentum") >= 50.0
@@ -137,13 +137,13 @@ def test_a_motor_that_keeps_its_momentum_is_brought_across_the_gap(limited: bool
 
 
 @pytest.mark.parametrize("limited", [False, True])
-@pytest.mark.thinned(4, 4)
+@pytest.mark.thinned(8)
 def test_where_the_rule_is_open_none_of_them_is_made_worse(limited: bool) -> None:
     assert_never_worse(on_circle(None, limited), RULES)
 
 
 @pytest.mark.parametrize("rule", ["standstill", None, "momentum"])
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_from_rest_nothing_is_made_worse(rule: Pickup | None) -> None:
     assert_never_worse(on_circle(rule, limited=True, start="rest"), (rule,) if rule else RULES)
 
@@ -244,7 +244,7 @@ def from_ratio(degree: int, ratio: float) -> Array:
 
 
 @pytest.mark.parametrize("retrograde", [False, True])
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_feed_alone_is_as_good_as_a_search_by_brute_force(retrograde: bool) -> None:
     result = on_circle("standstill", limited=False, feed_only=True, allow_retrograde=retrograde)
     assert result.other.offset is None
@@ -287,7 +287,7 @@ def with_lost_motion(name: str, limits: Limits | None = None) -> Machine:
 
 
 @pytest.mark.parametrize("name", ["router", "stepper"])
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_a_gap_behind_the_loop_is_carried_by_the_command(name: str) -> None:
     assert_twentyfold(with_lost_motion(name), shipped_path("oval"))
 

@@ -75,7 +75,7 @@ def path_named(name):
 CASES = list(product(PATHS, ("router", "stepper")))
 
 
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 @pytest.mark.parametrize(("name", "machine"), CASES[::5])
 def test_the_program_is_as_good_as_it_says_whatever_side_the_axes_stood_on(name: str, machine: str) -> None:
     """A third of them; all in tests/long."""

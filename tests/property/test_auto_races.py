@@ -13,7 +13,7 @@ PAIRS = JOBS
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", sample([number % len(KINDS) for number in range(PAIRS)], 1))
-@pytest.mark.thinned(4, 4)
+@pytest.mark.thinned(8)
 def test_auto_is_as_good_as_the_best_single_strategy(number: int) -> None:
     is_not_beaten(number)
 

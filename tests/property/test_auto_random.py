@@ -121,7 +121,7 @@ def assert_time_is_kept(none: Judged, auto: Judged, job: RandomJob) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", sample([number % len(KINDS) for number in range(PAIRS)], 1))
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_auto_is_never_worse_than_none_and_keeps_what_it_promises(number: int) -> None:
     keeps_its_promises(number)
 

@@ -6,12 +6,13 @@ import pytest
 from long.fuzz import TRIALS, described
 from support.corpus import NCFILES
 
-DRAWN = [(kind, number) for kind in TRIALS for number in range(100)]
+DRAWN = [
+    pytest.param(kind, number, marks=[pytest.mark.slow] * (number % 20 > 0)) for kind in TRIALS for number in range(100)
+]
 """One in a hundred of each; of the ordinary tests' one in twenty no two that follow each other are of one dialect."""
 
 
 @pytest.mark.parametrize(("kind", "number"), DRAWN)
-@pytest.mark.thinned(20)
 def test_nothing_goes_wrong_but_what_is_said_in_one_line(kind: str, number: int) -> None:
     if kind == "lines" and not NCFILES.exists():
         pytest.skip("the numbers are drawn where Debian's linuxcnc-uspace is installed, with its programs among them")

@@ -12,7 +12,7 @@ NUMBERS = sample(KINDS, 1)[::-1]
 
 
 @pytest.mark.parametrize("number", NUMBERS)
-@pytest.mark.thinned(10, 2)
+@pytest.mark.thinned(10)
 def test_no_program_is_worse_or_slower_than_allowed_and_every_claim_is_true(number: int) -> None:
     for one in judge(random_cut(number), ALLOWED[::4]):
         assert one.in_time, described(one)

@@ -44,7 +44,7 @@ def judged(original, text, machine):
 
 
 @pytest.mark.parametrize("start", starts(100))
-@pytest.mark.thinned(6, 2)
+@pytest.mark.thinned(6)
 def test_what_the_writer_writes_is_accepted(start):
     changed = 0
     for seed in range(start, start + 20):
@@ -57,7 +57,7 @@ def test_what_the_writer_writes_is_accepted(start):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("start", starts(40))
-@pytest.mark.thinned(4, 2)
+@pytest.mark.thinned(4)
 def test_no_number_can_be_changed_unseen(start):
     """A digit of a coordinate, by what can be felt, or of G, M, S and T: whichever it is, it is noticed."""
     tried = unseen = 0

@@ -50,7 +50,7 @@ PICKUPS = ("standstill", "momentum", "contact")
 LOAD_LOOPS = list(product(("P", "PI", "PID"), PICKUPS, ("sines", "trapezoids", "circle")))
 
 
-@pytest.mark.thinned(16, 2)
+@pytest.mark.thinned(16)
 @pytest.mark.parametrize(("control", "pickup", "kind"), LOAD_LOOPS)
 def test_load_loops(control: str, pickup: Pickup, kind: str) -> None:
     rng = np.random.default_rng([len(control), len(pickup), len(kind)])
@@ -115,7 +115,7 @@ EFFECTS = {
 }
 
 
-@pytest.mark.thinned(18, 3)
+@pytest.mark.thinned(18)
 @pytest.mark.parametrize(("flank", "pickup", "name"), list(product((1, -1), PICKUPS, EFFECTS)))
 def test_effects_inside_the_loop(name: str, pickup: Pickup, flank: int) -> None:
     axis = make_axis("load", **SOFT, pickup=pickup, flank=flank, effects=EFFECTS[name])
@@ -129,7 +129,7 @@ BOTH_SIDES = [*product(OUTSIDE, [1]), *(pytest.param(name, -1, marks=pytest.mark
 
 
 @pytest.mark.parametrize(("name", "flank"), BOTH_SIDES)
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_effects_with_the_gap_outside(name: str, flank: int) -> None:
     case = Case(make_axis("motor", **SOFT, flank=flank, effects=EFFECTS[name]), WAVES, PERIOD)
     assert_same(run_case(case), reference(case))

@@ -14,10 +14,7 @@ EVERY = "every"
 """Its value that asks for every case too of which `.ci/run` tries a part."""
 
 PART = 4
-"""Of so many random examples one is tried where nobody asks for all."""
-
-HALF = 2
-"""Of so many random examples one is tried where the slow tests are asked for, and not every case."""
+"""Of so many random examples one is tried where nobody asks for every one."""
 
 FEWEST = 8
 """Examples that are tried always, where there are as many."""
@@ -25,8 +22,7 @@ FEWEST = 8
 
 def examples(count: int) -> int:
     """How many of `count` random examples to try."""
-    asked = os.environ.get(ALL)
-    part = 1 if asked == EVERY else HALF if asked else PART
+    part = 1 if os.environ.get(ALL) == EVERY else PART
     return max(count // part, min(count, FEWEST))
 
 

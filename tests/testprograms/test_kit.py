@@ -107,7 +107,7 @@ def test_the_reader_understands_all_of_them(machine: str, dialect: str, room: st
         ("old_mill", "grblhal", "at zero"),
     ],
 )
-@pytest.mark.thinned(12, 3)
+@pytest.mark.thinned(12)
 def test_linuxcnc_reads_them_as_the_reader_does(machine: str, dialect: str, room: str) -> None:
     for one in kit_of(machine, dialect, room):
         text = number_lines(one.program)

@@ -45,7 +45,7 @@ def kinds(verdict):
 
 
 @pytest.mark.parametrize("name", GOOD)
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 def test_good_programs_hold(name):
     original, compensated = pair(name)
     verdict = judged(original, compensated)

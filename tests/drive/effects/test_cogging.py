@@ -50,7 +50,7 @@ def run(
 CASES = list(product([(COGGING,), (COGGING, FINE), (COGGING, DRY)], ["standstill", "momentum", "contact"], LOOPS))
 
 
-@pytest.mark.thinned(12, 2)
+@pytest.mark.thinned(12)
 @pytest.mark.parametrize(("effects", "pickup", "feedback"), CASES)
 def test_against_an_integration(effects: tuple[EffectSetting, ...], pickup: Pickup, feedback: Feedback) -> None:
     """A nanometre: what a part of a sample is wrong by is of its third power."""

@@ -72,7 +72,7 @@ def machine_with(folder: Path, name: str) -> tuple[Path, Path]:
 
 
 @pytest.mark.parametrize("name", EACH)
-@pytest.mark.thinned(16, 4)
+@pytest.mark.thinned(16)
 def test_every_command_takes_it(hump, tmp_path, capsys, name):
     plain, better = machine_with(tmp_path, name)
     assert len(told(capsys, "inspect", hump, "-m", better)["turning_points"]) == 1
