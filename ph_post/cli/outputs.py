@@ -71,7 +71,7 @@ def check_places(inputs: Mapping[str, str | None], products: Mapping[str, str | 
     ------
     click.UsageError
     InputError
-        Where a folder is missing, or a file is write-protected.
+        Where a folder is missing, or a file or its folder is write-protected.
     """
     streams = [option for option, name in inputs.items() if name == STDIO]
     if len(streams) > 1:

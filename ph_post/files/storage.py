@@ -193,7 +193,8 @@ def check_place(name: str) -> pathlib.Path:
     Raises
     ------
     InputError
-        Where it is a folder, its folder is missing, or it is write-protected. A device or a pipe may be written.
+        Where it is a folder, its folder is missing, or it or its folder is write-protected. A device or a pipe may be
+        written wherever it is.
     """
     with _writing_errors(name):
         if not name:
@@ -205,6 +206,8 @@ def check_place(name: str) -> pathlib.Path:
             raise InputError(name, "cannot be written", expected="an existing folder", got=os.fspath(place.parent))
         if place.exists() and not os.access(place, os.W_OK):
             raise InputError(name, "cannot be written", got="a write-protected file")
+        if not (_is_stream(name) or os.access(place.parent, os.W_OK | os.X_OK)):  # a new file is made beside it
+            raise InputError(name, "cannot be written", got="a write-protected folder")
     return place
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from ph_post.errors import InputError
 from ph_post.files import storage
-from ph_post.files.storage import write_atomically
+from ph_post.files.storage import check_place, write_atomically
 
 
 def names(folder):
@@ -72,6 +72,19 @@ def test_a_write_protected_file_is_refused(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="got a write-protected file"):
         write_atomically({str(target): "after"})
     assert target.read_text(encoding="utf-8") == "before"
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_write_protected_folder_is_refused_before_the_work_is_done(tmp_path, monkeypatch, there):
+    folder, target = tmp_path, tmp_path / "a"
+    if there:
+        target.write_text("before", encoding="utf-8")
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: pathlib.Path(path) != folder and access(path, mode))
+    with pytest.raises(InputError, match="cannot be written; got a write-protected folder"):
+        check_place(str(target))
+    monkeypatch.setattr(os, "access", lambda path, mode: pathlib.Path(path) != pathlib.Path("/dev"))
+    check_place(os.devnull)
 
 
 def test_two_products_in_one_place_are_refused(tmp_path):
