@@ -288,10 +288,12 @@ def _approaches(program: PartProgram, plan: Plan, stretch: LeadStretch) -> tuple
 
 
 def _after_rapid(program: PartProgram, first: int) -> int | None:
-    """Return the motion behind a rapid from which others lead to the motion `first`; None where there is none."""
-    rapids = np.flatnonzero(program.motions.kind[:first] == RAPID)
+    """Return the motion behind a rapid from which others lead to the motion `first`; None where none of them moves."""
+    motions = program.motions
+    rapids = np.flatnonzero(motions.kind[:first] == RAPID)
     behind = int(rapids[-1]) + 1 if rapids.size else 0
-    return behind if behind < first else None
+    moves = (motions.start[behind:first] != motions.end[behind:first]) & ~np.isnan(motions.end[behind:first])
+    return behind if moves.any() else None
 
 
 def _joined(one: LeadPlan, other: LeadPlan) -> LeadPlan:

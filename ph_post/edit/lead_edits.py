@@ -16,7 +16,7 @@ from ph_post.edit.changes import Change, ChangeWriter
 from ph_post.edit.preconditions import word_decimals
 from ph_post.edit.word_shifts import MotionOffsets
 from ph_post.gcode.program import AXES, RAPID, PartProgram
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MINUTE, MM
 
 LABEL: Final = "lead"
@@ -90,10 +90,13 @@ def why_not_led(program: PartProgram, first: int, last: int) -> str:
     >>> program = read_as("linuxcnc", b"G1 X1 Y1 F100\nX2\nM8\nX3\nM2\n", "part")
     >>> why_not_led(program, 0, 1), why_not_led(program, 0, 2)
     ('', 'line 3 is no move')
+    >>> why_not_led(read_as("linuxcnc", b"G1 X1 Y1 F100\nG91 X1\nZ-1\nM2\n", "part"), 2, 2)
+    'G91 alone moves Z in line 3, and where it is under G90 is not known'
     """
     motions, words = program.motions, program.words
     begin, end = motions.block[[first, last]].tolist()
     moves = {int(block): row for row, block in enumerate(motions.block[first : last + 1].tolist(), first)}
+    placed = _placed(program, first)
     for block in range(begin, end + 1):
         own = program.words_of(block)
         letters = {chr(int(words.letter[word])) for word in own}
@@ -106,15 +109,36 @@ def why_not_led(program: PartProgram, first: int, last: int) -> str:
         modal = program.modal_after(block)
         if modal.feed_mode != 94:
             return f"line {block + 1} is not in feed per minute (G94)"
-        for word in own:
-            letter = chr(int(words.letter[word]))
-            if letter in AXES and modal.absolute and block in moves:
-                place = float(words.value[word]) * modal.units
-                if not abs(place - motions.end[moves[block], AXES.index(letter)]) <= SAME:
-                    return f"the place of {letter} in line {block + 1} is not the word's own"
+        if block in moves and (why := _why_elsewhere(program, moves[block], placed)):
+            return why
     if (motions.kind[first : last + 1] == RAPID).any():
         return f"line {begin + 1} is a rapid"
     return ""
+
+
+def _why_elsewhere(program: PartProgram, motion: int, placed: BoolArray) -> str:
+    """Return why a motion leads to other places than its line says, or to places that nobody knows."""
+    motions, words = program.motions, program.words
+    block = int(motions.block[motion])
+    modal = program.modal_after(block)
+    for word in program.words_of(block):
+        letter = chr(int(words.letter[word]))
+        if letter not in AXES:
+            continue
+        column, place = AXES.index(letter), float(words.value[word]) * modal.units
+        if not (modal.absolute or placed[column]):
+            return f"G91 alone moves {letter} in line {block + 1}, and where it is under G90 is not known"
+        if modal.absolute and not abs(place - motions.end[motion, column]) <= SAME:
+            return f"the place of {letter} in line {block + 1} is not the word's own"
+    return ""
+
+
+def _placed(program: PartProgram, motion: int) -> BoolArray:
+    """Mask (3,) of the axes that a motion's chain moves to a place under G90: of the others no place can be written."""
+    motions = program.motions
+    modes = np.array([modal.absolute for modal in program.modal], dtype=np.bool_)[program.state[motions.block]]
+    moves = (motions.start != motions.end) & ~np.isnan(motions.end)
+    return np.asarray((moves & (modes & (motions.chain == motions.chain[motion]))[:, None]).any(axis=0))
 
 
 @compiled
@@ -231,7 +255,8 @@ class LeadWriter(ChangeWriter):
         if one.begin < one.first:
             self._rest(one.pause)
         for motion in range(one.begin, one.first):
-            moved = np.flatnonzero(motions.end[motion] - motions.start[motion]).tolist()
+            end = motions.end[motion]
+            moved = np.flatnonzero(~np.isnan(end) & (end != motions.start[motion])).tolist()
             body = [self._length(AXES[column], round(motions.end[motion, column] / step)) for column in moved]
             if body:
                 self._straight(body, self._digits(motions.feed[motion] / units * MINUTE))

@@ -25,6 +25,7 @@ from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import EditOptions
 from ph_post.edit.lead_edits import chord_ends
+from ph_post.edit.undo import undo
 from ph_post.gcode.read import read_program
 from ph_post.progress import no_progress
 from ph_post.verify.verify import verify
@@ -241,3 +242,14 @@ def test_a_stretch_that_leads_nothing_is_not_said_to_lead(monkeypatch, tmp_path,
     assert "chords without a lead, which cross backlash, written into 1 stretch" in said
     assert "lead of the servos" not in said
     assert "error with lag" not in said
+
+
+@pytest.mark.parametrize(("before", "led"), [("G1 X10 Y0 F300", True), ("G91\nG0 X0 Y0\nG1 Z-1 F300", False)])
+def test_no_place_is_written_for_an_axis_whose_place_nobody_knows(before: str, led: bool) -> None:
+    """What does not move Z needs none; where an increment moves it, the checker would refuse the whole program."""
+    text = f"G21 G90 G17 G94 G64 P0.002\nG0 X10 Y0\n{before}\nG3 {'X10 Y0' if led else ''} I-10 J0 F1200\nM2\n"
+    part = read_program(text.encode(), "circle")
+    data = ph.compensate(part, "router", lead_program=True, effort=0.02, max_slowdown=0.2).program()
+    assert (b" lead)" in data) == led
+    assert before.encode() in data
+    assert undo(data, "circle") == text.encode()
