@@ -140,10 +140,11 @@ def _planned(
     original.source.let_go()
     options = replace(request.edit, cycle=cycle_time(before))
     paths_said = path_mode_warnings(original, machine, dialect)
+    rounds = bool(paths_said) and dialect.syntax.path_mode is not None
     paths_said += chord_warnings(original, machine, dialect, options.tolerance)
     paths_said += [*doubtful_values(machine, moved_axes(original)), *warn_reckoned(original, reckoned), *said]
     paths_said += _friction_left(original, machine, request)
-    return _PlanSearch(original, planner, before, request, tuple(paths_said), progress).run(options)
+    return _PlanSearch(original, planner, before, request, tuple(paths_said), rounds, progress).run(options)
 
 
 def _friction_left(program: PartProgram, machine: Machine, request: ProgramRequest) -> list[str]:
@@ -306,6 +307,8 @@ class _PlanSearch:
     request : ProgramRequest
     warnings : tuple of str
         Said of every plan.
+    rounds : bool
+        Whether the controller rounds corners by more than the backlash, which another path mode would change.
     progress : Progress
     """
 
@@ -316,8 +319,10 @@ class _PlanSearch:
         before: ProgramMotion,
         request: ProgramRequest,
         warnings: tuple[str, ...],
+        rounds: bool,
         progress: Progress,
     ) -> None:
+        self._rounds = rounds
         self._planner, self._before, self._request = planner, before, request
         self._warnings, self._progress = warnings, progress
         self._original = original
@@ -407,7 +412,9 @@ class _PlanSearch:
                 return None if options.largest_first else self._other(*self._kept)
             if tighter.left:
                 where = section_words(self._original, tighter.left)
-                why = "no better" if tighter.left - judged.runs_on else "worse where a table runs on in its backlash"
+                why = "worse where a table runs on in its backlash"
+                if tighter.left - judged.runs_on:
+                    why = "no better; a path mode that rounds corners less may help" if self._rounds else "no better"
                 self._said = (f"not compensated in {where}: the part would be {why}",)
             return tighter
         if self._kept is None or judged.rms <= self._kept[1].rms:
