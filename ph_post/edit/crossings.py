@@ -326,38 +326,9 @@ class CrossingPlanner:
 
     def _around(self, spot: CrossingPlace, window: Array, steps: int, least: float) -> _Knots | None:
         """Cross while the path is near the turning point, slower where need be."""
-        begin, finish, speed, error, kind = window.tolist()
         if spot.shape.beyond > 0.0:
-            first = begin + spot.lag * speed
-            half = first + spot.shape.first * speed
-            peak = spot.after + spot.shape.beyond * (spot.after - spot.before)
-            # On tangents, as controllers pass a joint of two straight blocks faster than one with an arc.
-            lead = LEAD * (finish - begin)
-            bulge = np.zeros(3)
-            bulge[spot.column] = -spot.sign * (2.0 if kind == BALANCED else 1.0) * error * (2.0 * LEAD) ** 2
-            longer = lead_time(lead / speed, spot.lag) * speed / lead
-            if spot.shape.arcs is not None and steps > 1:
-                last = first + spot.shape.wait * speed
-                tangents = _Knots(
-                    s=[first - longer * lead, first, last, last + lead],
-                    added=[spot.before, spot.before + longer**2 * bulge, spot.after + bulge, spot.after],
-                    line=[False, True, True, True],
-                    speed=[spot.feed, speed, speed, spot.feed],
-                )
-                return self._in_arcs(tangents, spot, spot.shape.arcs, least)
-            return _Knots(
-                s=[
-                    first - longer * lead,
-                    first,
-                    half,
-                    half + spot.shape.first * speed,
-                    half + spot.shape.first * speed + lead,
-                ],
-                added=[spot.before, spot.before + longer**2 * bulge, peak, spot.after + bulge, spot.after],
-                line=[False, True, True, True, True],
-                speed=[spot.feed, speed, speed, speed, spot.feed],
-                crosses=range(2, 4),
-            )
+            return self._from_beyond(spot, window, steps, least)
+        begin, finish, speed, error, kind = window.tolist()
         # The table waits longer than the motor's blocks last where the controller rounds their ends.
         lasts = max(spot.shape.first, LONE * spot.shape.wait) * speed
         if steps > 1:
@@ -386,6 +357,40 @@ class CrossingPlanner:
                 speed=[spot.feed, spot.feed, speed, spot.feed],
             )
         return self._in_steps(knots, spot, steps)
+
+    def _from_beyond(self, spot: CrossingPlace, window: Array, steps: int, least: float) -> _Knots | None:
+        """Cross where the motor lags: with an offset that goes beyond its new value and comes back, or in arcs."""
+        begin, finish, speed, error, kind = window.tolist()
+        first = begin + spot.lag * speed
+        half = first + spot.shape.first * speed
+        peak = spot.after + spot.shape.beyond * (spot.after - spot.before)
+        # On tangents, as controllers pass a joint of two straight blocks faster than one with an arc.
+        lead = LEAD * (finish - begin)
+        bulge = np.zeros(3)
+        bulge[spot.column] = -spot.sign * (2.0 if kind == BALANCED else 1.0) * error * (2.0 * LEAD) ** 2
+        longer = lead_time(lead / speed, spot.lag) * speed / lead
+        if spot.shape.arcs is not None and steps > 1:
+            last = first + spot.shape.wait * speed
+            tangents = _Knots(
+                s=[first - longer * lead, first, last, last + lead],
+                added=[spot.before, spot.before + longer**2 * bulge, spot.after + bulge, spot.after],
+                line=[False, True, True, True],
+                speed=[spot.feed, speed, speed, spot.feed],
+            )
+            return self._in_arcs(tangents, spot, spot.shape.arcs, least)
+        return _Knots(
+            s=[
+                first - longer * lead,
+                first,
+                half,
+                half + spot.shape.first * speed,
+                half + spot.shape.first * speed + lead,
+            ],
+            added=[spot.before, spot.before + longer**2 * bulge, peak, spot.after + bulge, spot.after],
+            line=[False, True, True, True, True],
+            speed=[spot.feed, speed, speed, speed, spot.feed],
+            crosses=range(2, 4),
+        )
 
     def _in_arcs(self, knots: _Knots, spot: CrossingPlace, arcs: CrossingArcs, least: float) -> _Knots | None:
         """Put a line that is bent in arcs between two tangents, its joints where motions may be divided if they may."""
