@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from ph_post.api.expansion import written_out
 from ph_post.api.further_axes import shifted_original
 from ph_post.api.inputs import Source, any_machine
+from ph_post.api.options import require_number
 from ph_post.dialects.reading import read_program_file, read_program_pair
 from ph_post.dialects.registry import find_dialect
 from ph_post.diff import compare
@@ -77,6 +78,7 @@ def verify(
     ...     ph.verify(file, file).ok
     True
     """
+    require_number("tolerance", tolerance)
     progress("reading")
     drives = None if machine is None else any_machine(machine)[0]
     programs = read_program_pair(original, compensated, drives, dialect)
@@ -135,6 +137,7 @@ def diff(
     >>> found.same, round(found.max_deviation, 6)
     (False, 0.0005)
     """
+    require_number("tolerance", tolerance)
     progress("reading")
     drives, name = (None, "") if machine is None else any_machine(machine)
     programs = read_program_pair(a, b, drives, dialect)

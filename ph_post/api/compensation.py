@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, get_args
 
 from ph_post.api.expansion import before_expansion
 from ph_post.api.inputs import Job, Source, raw_job
-from ph_post.api.options import CompensateOptions
+from ph_post.api.options import CompensateOptions, require_word
 from ph_post.api.outcomes import Compensation
 from ph_post.api.path_compensation import compensated_path
 from ph_post.api.program_compensation import ProgramCompensation
@@ -34,6 +34,7 @@ def compensated(
     progress: Progress = no_progress,
 ) -> Compensation:
     """Compensate a job by a record of options; see :func:`compensate`."""
+    require_word("output", output, get_args(PlanOutput))
     raw: Path | PartProgram | SourceBytes = job if isinstance(job, PartProgram) else raw_job(job)
     result: Compensation
     if isinstance(raw, PartProgram) or (isinstance(raw, SourceBytes) and is_program(raw)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Final
+from typing import Final, get_args
 
 import numpy as np
 from msgspec.structs import asdict
@@ -13,6 +13,7 @@ from msgspec.structs import asdict
 from ph_post.analysis.path_analysis import swings
 from ph_post.analysis.turning_points import find_turning_points
 from ph_post.api.inputs import Job, Source, any_machine, machine_text, path_of_job, raw_job, read_log, source_of
+from ph_post.api.options import require_word
 from ph_post.bounds import MOST_INTERVALS
 from ph_post.diagnose import diagnose as diagnosing
 from ph_post.diagnose.fit import base_model, residuals_of
@@ -181,6 +182,8 @@ def identify(
     transmission = _transmission(drives, gear_ratio, screw_lead)
     record = _log_of(log, drives)
     loops = dict.fromkeys(record.axes, feedback) if isinstance(feedback, str) else dict(feedback or {})
+    for kind in loops.values():
+        require_word("feedback", kind, get_args(Feedback))
     loops = {name: kind for name, kind in loops.items() if name in record.axes}
     found = identifying.identify(record, drives, loops, transmission, progress)
     return LogIdentification(**asdict(found), log=record, source=source)

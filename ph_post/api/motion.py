@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import PurePath
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import msgspec
 from msgspec.structs import replace
@@ -15,7 +15,7 @@ from ph_post.analysis.certification import certify as certify_turning_points
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.crossed_paths import crosses_on_the_fly
 from ph_post.api.inputs import Job, Source, analyse_job, analysed_job, any_machine, machine_warnings
-from ph_post.api.options import CompensateOptions
+from ph_post.api.options import CompensateOptions, require_number, require_word
 from ph_post.api.results import PlannedMotion
 from ph_post.compensate.comparison import describe_violation
 from ph_post.compensate.options import PlanOutput
@@ -125,6 +125,8 @@ def inspect(
     >>> [(point.axis, point.sense) for point in found.turning_points]
     [('X', 'max'), ('Y', 'max'), ('X', 'min'), ('Y', 'min')]
     """
+    require_number("tolerance", tolerance)
+    require_number("feed", feed)
     analysis, notes = analyse_job(
         job,
         machine,
@@ -278,6 +280,9 @@ def simulate(
     True
     """
     how = CompensateOptions(strategy=strategy, **planning)
+    require_word("output", output, get_args(PlanOutput))
+    require_word("pickup", pickup, (None, *get_args(Pickup)))
+    require_word("initial_flank", initial_flank, (None, "+", "-"))
     notes: tuple[str, ...] = ()
     caveats: tuple[str, ...] = ()
     analysis: Analysis | None = None

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from numbers import Real
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 import msgspec
 
@@ -35,6 +36,50 @@ _RANGES = {
     "effort": (0.0, True, MOST_EFFORT),
 }
 """Smallest value, whether it is left out, and largest value."""
+
+_WORDS = {
+    "start": ("rest", "moving"),
+    "feed_mode": get_args(FeedMode),
+    "position_from": (None, "+", "-"),
+    "part_side": (None, "left", "right"),
+    "controller_units": ("mm", "inch"),
+}
+"""Words that an option may be; None where it need not be given."""
+
+
+def require_number(name: str, value: Any) -> None:
+    """Refuse what is no number of an option, or out of its range; None is none that was given.
+
+    Raises
+    ------
+    InputError
+        With the option's name as the command line has it.
+    """
+    if value is None:
+        return
+    low, positive, high = _RANGES.get(name, (-math.inf, False, math.inf))
+    number = isinstance(value, Real) and math.isfinite(value)
+    if not number or value < low or (positive and value == low) or value > high:
+        least = f" {'>' if positive else '>='} {low:g}" if math.isfinite(low) else ""
+        most = f" and at most {high:g}" if math.isfinite(high) else ""
+        raise InputError(_option(name), "out of range", expected=f"a finite number{least}{most}", got=str(value))
+
+
+def require_word(name: str, value: object, known: Sequence[str | None]) -> None:
+    """Refuse a word that an option does not know.
+
+    Raises
+    ------
+    InputError
+        With the option's name as the command line has it.
+    """
+    if value not in known:
+        expected = " or ".join(one for one in known if one is not None)
+        raise InputError(_option(name), "unknown", expected=expected, got=str(value))
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
 PATH_ONLY = ("feed", "corner_tolerance", "safe_z", "depth", "interval_table", "feed_mode")
@@ -95,26 +140,14 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             With the option's name as the command line has it.
         """
         for name in _NUMBERS:
-            value = getattr(self, name)
-            if value is None:
-                continue
-            low, positive, high = _RANGES.get(name, (-math.inf, False, math.inf))
-            number = isinstance(value, Real) and math.isfinite(value)
-            if not number or value < low or (positive and value == low) or value > high:
-                least = f" {'>' if positive else '>='} {low:g}" if math.isfinite(low) else ""
-                most = f" and at most {high:g}" if math.isfinite(high) else ""
-                option = f"--{name.replace('_', '-')}"
-                raise InputError(option, "out of range", expected=f"a finite number{least}{most}", got=str(value))
-
+            require_number(name, getattr(self, name))
+        for name, known in _WORDS.items():
+            require_word(name, getattr(self, name), known)
         if self.corner_tolerance is not None and self.feed_only:
             raise OptionsError("--corner-tolerance changes the path, and --feed-only leaves it as it is; leave one out")
         if self.lead_program and (self.feed_only or self.no_inverse_dynamics):
             other = "--feed-only" if self.feed_only else "--no-inverse-dynamics"
             raise OptionsError(f"--lead-program writes the lead, and {other} leaves it out; leave one out")
-        if self.position_from not in (None, "+", "-"):
-            raise InputError("--position-from", "unknown side", expected="+ or -", got=str(self.position_from))
-        if self.part_side not in (None, "left", "right"):
-            raise InputError("--part-side", "unknown side", expected="left or right", got=str(self.part_side))
 
     @property
     def chosen_strategy(self) -> str:

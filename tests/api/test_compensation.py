@@ -224,3 +224,49 @@ def test_a_table_says_by_its_times_what_comes_before_the_path(part, tmp_path):
     assert pushed.table().t[0] < 0.0
     assert [word for word in pushed.warnings if "must be off the part until t = 0" in word]
     assert not ph.compensate("oval", "mill", output="table", strategy="suppress", effort=QUICK).table().t[0]
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (
+            lambda: ph.compensate("circle", "stepper", output="page"),
+            "--output: unknown; expected table or program; got page",
+        ),
+        (
+            lambda: ph.compensate("circle", "stepper", start="slow"),
+            "--start: unknown; expected rest or moving; got slow",
+        ),
+        (
+            lambda: ph.simulate("circle", "stepper", output="page"),
+            "--output: unknown; expected table or program; got page",
+        ),
+        (
+            lambda: ph.simulate("circle", "stepper", pickup="no"),
+            "--pickup: unknown; expected standstill or momentum or contact; got no",
+        ),
+        (
+            lambda: ph.simulate("circle", "stepper", initial_flank="?"),
+            "--initial-flank: unknown; expected + or -; got ?",
+        ),
+        (lambda: ph.inspect("circle", feed=-1.0), "--feed: out of range; expected a finite number > 0; got -1.0"),
+        (
+            lambda: ph.verify("a", "a", tolerance=-1.0),
+            "--tolerance: out of range; expected a finite number > 0; got -1.0",
+        ),
+        (
+            lambda: ph.diff("a", "a", tolerance=-1.0),
+            "--tolerance: out of range; expected a finite number > 0; got -1.0",
+        ),
+    ],
+)
+def test_what_the_library_is_given_is_refused_as_the_command_refuses_it(call, words):
+    with pytest.raises(ph.InputError) as found:
+        call()
+    assert str(found.value) == words
+
+
+def test_a_loop_that_nobody_knows_is_refused():
+    log = ph.read_log(ROOT / "samples" / "logs" / "worn_router.csv")
+    with pytest.raises(ph.InputError, match="--feedback: unknown; expected load or motor or none; got screw"):
+        ph.identify(log, feedback={"X": "screw"})

@@ -48,5 +48,5 @@ def test_the_line_says_how_far_the_table_cuts_into_the_part(tmp_path: Path, caps
     assert main(["convert", str(file), "-m", "stepper", "-o", str(out), "--part-side", "left"]) == 0
     assert "; into the part 37 → <0.1 µm; " in capsys.readouterr().err.splitlines()[-1]
     assert "the part is on the left of the path" in out.read_text()
-    with pytest.raises(ph.InputError, match=r"--part-side: unknown side; expected left or right; got up"):
+    with pytest.raises(ph.InputError, match=r"--part-side: unknown; expected left or right; got up"):
         ph.compensate(file, "stepper", part_side="up")

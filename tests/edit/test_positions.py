@@ -186,7 +186,7 @@ def test_words_that_are_none():
         ph.InputError, match=r"--overshoot: less than the lost motion of Y; expected >= 0.08 mm; got 0.07 mm"
     ):
         compensated(drilling(), machine(), position_from="-", overshoot=0.07e-3)
-    with pytest.raises(ph.InputError, match=r"--position-from: unknown side; expected \+ or -; got x"):
+    with pytest.raises(ph.InputError, match=r"--position-from: unknown; expected \+ or -; got x"):
         compensated(drilling(), machine(), position_from="x")
     for how in ({"position_from": "+"}, {"overshoot": 1e-3}):
         with pytest.raises(ph.InputError, match=r"^--(position-from|overshoot) is for part programs$"):
