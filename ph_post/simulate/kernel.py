@@ -24,7 +24,13 @@ FINE: Final = 5
 """Halvings down to which a sample is looked at where a guard may dip below zero and come back."""
 
 FORCED: Final = 3
-"""Halvings of a sample while forces of the state act: they are taken as linear over each part."""
+"""Most halvings of a sample for friction that the speed changes: it is taken as linear over each part."""
+
+STRAIGHT: Final = 1e-11
+"""Error of such a force, F/K [m], up to which a sample is not halved for it."""
+
+TURN: Final = 0.1
+"""Radians of a cogging wave over which its parabola is as good as the wave: wrong by 1e-5 of its size."""
 
 MOST_CHANGES: Final = 100
 """Changes of mode within one sample after which the rest of it is run without guards, and said to chatter."""
@@ -139,7 +145,7 @@ class ModeTables(NamedTuple):
     [m/s] those of :func:`stribeck`, `waves` (waves, 3) those of :func:`cogging`. `gap` (6,) is that of
     :func:`half_gap`, (0,) where it is the same everywhere; `holds` and `contacts` (modes,) say how the two
     sides are placed then. `filled` says which columns are not 0;
-    `level` is into how many parts, as a power of 2, a sample is cut where forces of the state act.
+    `level` is into how many parts at most, as a power of 2, a sample is cut where forces of the state act.
     """
 
     tables: Array
@@ -326,6 +332,33 @@ def _set_force(
 
 
 @inner
+def _halvings(y: Array, trial: Array, modes: ModeTables, direction: int, length: float) -> int:
+    """Return into how many parts, as a power of 2, a sample is cut whose forces were linear in `trial`, its end.
+
+    Of friction that the speed changes count the bend between both ends, and how far it is at the end from what a step
+    with held forces foretold: either is a quarter in half the time. Of cogging counts how far its waves turn.
+    """
+    level, static = 0, modes.static
+    if static != 0.0:
+        speed, last = y[modes.moving], trial[modes.moving]
+        foretold = y[Column.G] + length * y[Column.G_RATE] - y[Column.F] - length * y[Column.F_RATE]
+        off = abs(stribeck(last, direction, static, modes.scale) - foretold)
+        ratio = min(abs(speed), abs(last)) / modes.scale if speed * last > 0.0 else 0.0
+        square, change = ratio * ratio, (last - speed) / modes.scale
+        # Half the second derivative of exp(-r²), which falls from r² = 3/2 on.
+        bend = (2.0 * square - 1.0) * math.exp(-square) if square > 1.5 else 1.0
+        off = max(off, 0.25 * static * change * change * bend)
+        while off > STRAIGHT and level < modes.level:
+            level, off = level + 1, 0.25 * off
+    turn = 0.0
+    for k in range(modes.waves.shape[0]):
+        turn = max(turn, abs(modes.waves[k, 1] * (trial[Column.MOTOR] - y[Column.MOTOR])))
+    while turn > TURN * (1 << level) and level < modes.level:
+        level += 1
+    return level
+
+
+@inner
 def _attempt(y: Array, trial: Array, mode: int, modes: ModeTables, step: Array, length: float) -> int:
     """Take a step into `trial`, and return the guard that does not hold behind it, or -1."""
     if _is_forced(modes):
@@ -509,7 +542,7 @@ def _cruise(
     motor: Array,
     states: Array,
 ) -> tuple[int, int]:
-    """Go on from sample k in the longest steps, as long as no guard breaks or may dip.
+    """Go on from sample k in the longest steps that forces allow, as long as no guard breaks or may dip.
 
     Returns
     -------
@@ -520,8 +553,8 @@ def _cruise(
     """
     whole = 1 << LEVELS
     forced, changing, pushed = _is_forced(modes), modes.gap.size > 0, force.size > 0
-    level = modes.level
-    step, parts, length = modes.tables[mode, level], 1 << level, period / (1 << level)
+    level, most, sample = 0, modes.level, modes.tables[mode, 0]
+    step, length = sample, period
     guards, slopes, noise, count = modes.guards, modes.slopes, modes.noise, modes.counts[mode]
     filled, waves, static, scale = modes.filled, modes.waves, modes.static, modes.scale
     moving, direction = modes.moving, modes.directions[mode]
@@ -531,10 +564,16 @@ def _cruise(
             _push(y, force, k, period)
         if fed.size > 0:
             _feed(y, fed, k, period)
-        for part in range(parts):
-            if forced:
-                _set_force(y, trial, moving, direction, static, scale, waves, step, length, filled)
-            _step(step, y, length, trial, filled)
+        if most > 0:
+            _set_force(y, trial, moving, direction, static, scale, waves, sample, period, filled)
+            _step(sample, y, period, trial, filled)
+            level = _halvings(y, trial, modes, direction, period)
+            step, length = modes.tables[mode, level], period / (1 << level)
+        for part in range(1 << level):
+            if level > 0 or most == 0:
+                if forced:
+                    _set_force(y, trial, moving, direction, static, scale, waves, step, length, filled)
+                _step(step, y, length, trial, filled)
             if _may_dip(guards, slopes, noise, count, mode, y, trial, length, filled):
                 return k, whole - part * (whole >> level)
             _accept(y, trial)

@@ -25,9 +25,6 @@ from ph_post.types import Array, IntArray, frozen, sealed
 NO_STATES: Final = np.zeros((0, STATES))
 """In place of states that nobody asks for."""
 
-TURN: Final = 0.1
-"""Radians of a cogging wave over which its parabola is as good as the wave: wrong by 1e-5 of its size."""
-
 
 @lru_cache(maxsize=512)
 def modes_of(plant: Plant, period: float) -> kernel.ModeTables:
@@ -66,10 +63,10 @@ def filled_columns(plant: Plant, *, pushed: bool = False) -> int:
 
 
 def level_for(plant: Plant, command: Array) -> int:
-    """Into how many parts, as a power of 2, the samples of a command [m] are cut.
+    """Into how many parts at most, as a power of 2, the samples of a command [m] are cut.
 
     Stribeck friction is steep near standstill, wherever the command goes. Cogging alone needs parts over
-    which no wave turns by more than TURN.
+    which no wave turns by more than a part of a turn.
     """
     if plant.static and plant.stribeck_speed:
         return kernel.FORCED
@@ -77,7 +74,7 @@ def level_for(plant: Plant, command: Array) -> int:
         return 0
     shortest = min(period for _, period, _ in plant.cogging)
     turn = 2.0 * math.pi * float(np.abs(np.diff(command)).max()) / shortest
-    return min(max(math.ceil(math.log2(max(turn, TURN) / TURN)), 0), kernel.FINE)
+    return min(max(math.ceil(math.log2(max(turn, kernel.TURN) / kernel.TURN)), 0), kernel.FINE)
 
 
 def _holds(plant: Plant) -> int:
