@@ -109,12 +109,23 @@ def choose(problem: AxisProblem, progress: Progress) -> ModelChoice:
 
 def without(choice: ModelChoice, number: int) -> ModelChoice:
     """Return a choice with a part less, its parts added one after the other anew."""
-    last = fit_model(choice.problem, without_part(choice.fitted.model, number, restored=True), choice.problem.fit)
-    return replace(
-        choice,
-        stages=tuple(_restage(choice.problem, last, choice.stages[0])),
-        standings=choice.standings[:number] + choice.standings[number + 1 :],
-    )
+    standings = choice.standings[:number] + choice.standings[number + 1 :]
+    return _anew(choice, without_part(choice.fitted.model, number, restored=True), standings)
+
+
+def instead(choice: ModelChoice, number: int, part: ModelPart) -> ModelChoice:
+    """Return a choice with a special case of a part in its place."""
+    parts, standings = list(choice.fitted.model.parts), list(choice.standings)
+    parts[number], was = part, standings[number]
+    rivals = tuple(name for name in was.rivals if name != part.hypothesis.name)
+    standings[number] = PartConfidence(rivals=rivals, confidence=was.confidence)
+    return _anew(choice, replace(choice.fitted.model, parts=tuple(parts)), tuple(standings))
+
+
+def _anew(choice: ModelChoice, model: Model, standings: tuple[PartConfidence, ...]) -> ModelChoice:
+    """Return a choice of another model, whose parts are added one after the other anew."""
+    last = fit_model(choice.problem, model, choice.problem.fit)
+    return replace(choice, stages=tuple(_restage(choice.problem, last, choice.stages[0])), standings=standings)
 
 
 def _settled(choice: ModelChoice) -> bool:

@@ -11,9 +11,11 @@ from scipy import signal
 from support.engine_cases import make_axis, make_machine
 
 from ph_post.diagnose.consistency import MOST, disagreement, sides_factor
+from ph_post.diagnose.findings import AxisDiagnosis, fit_chosen_model
 from ph_post.diagnose.fit import FittedModel, base_model, fit_model, residuals_of
 from ph_post.diagnose.hypotheses import hypotheses
 from ph_post.diagnose.search import with_part
+from ph_post.diagnose.selection import ModelChoice, PartConfidence
 from ph_post.identify.free_run import AxisProblem, problem_of
 from ph_post.identify.log_quality import examine
 from ph_post.types import AxisLog, Log
@@ -35,10 +37,10 @@ def servo() -> Array:
     return np.asarray(signal.lsim((a, [[0.0], [1.0 / B]], [[1.0, 0.0]], 0.0), command(), T)[1])
 
 
-def logged(missing: Array) -> AxisProblem:
+def logged(missing: Array, seed: int = 1) -> AxisProblem:
     """A log of both sides, where that is missing from the model of the table."""
     linear = servo()
-    noise = 0.2 * UM * np.random.default_rng(1).standard_normal((2, T.size))
+    noise = 0.2 * UM * np.random.default_rng(seed).standard_normal((2, T.size))
     axes = {"X": AxisLog(command=command(), table=linear + missing + noise[0], motor=linear + noise[1])}
     log = Log(name="test", t=T, period=1e-3, axes=axes)
     machine = make_machine([make_axis("motor", B, C, 0.0)], 1e-3)
@@ -98,3 +100,43 @@ def test_what_grows_with_the_speed_is_no_gap() -> None:
 
 def test_what_begins_half_way_is_no_gap() -> None:
     assert abs(fitted_backlash(play(20.0 * UM) * (T > 5.0)) - 1.0) > 2.0 * MOST
+
+
+def chosen(missing: Array, names: dict[str, tuple[float, ...]], seed: int = 1) -> AxisDiagnosis:
+    """What becomes of names that were chosen for a log, by their labels, with numbers to begin with."""
+    problem = logged(missing, seed)
+    known = {one.label: one for one in hypotheses(problem)}
+    model, stages = base_model(problem), []
+    for label, numbers in names.items():
+        stages.append(fit_model(problem, model, problem.fit))
+        model = with_part(model, known[label], numbers)
+    stages.append(fit_model(problem, model, problem.fit))
+    standings = tuple(PartConfidence(rivals=("backlash",), confidence=0.9) for _ in names)
+    return fit_chosen_model(ModelChoice(problem=problem, stages=tuple(stages), standings=standings))
+
+
+def test_a_backlash_whose_slope_is_within_its_error_has_one_width() -> None:
+    even = chosen(play(20.0 * UM), {"position_dependent_backlash/slope": (1e-5, 1e-5)})
+    assert [one.part.hypothesis.name for one in even.found] == ["backlash"]
+    assert even.found[0].values["lost_motion"] == pytest.approx(20.0 * UM, rel=0.02)
+    assert even.choice.standings[0].rivals == ()
+    # Where the table rests on a side of its gap, half of what it is wider there is missing.
+    wider = play(20.0 * UM) * (1.0 + 10.0 * servo())
+    sloping = chosen(wider, {"position_dependent_backlash/slope": (1e-5, 1e-5)})
+    assert [one.part.hypothesis.name for one in sloping.found] == ["position_dependent_backlash"]
+    assert sloping.found[0].values["slope"] == pytest.approx(20.0 * UM * 10.0, rel=0.1)
+
+
+def test_a_servo_none_of_whose_numbers_is_separate_from_the_file_is_dropped() -> None:
+    """The log shows the servo of the file: what b and c are off is noise."""
+    dropped = 0
+    for seed in range(1, 5):
+        found = chosen(play(20.0 * UM), {"backlash": (1e-5,), "servo_mismatch": (0.02, 0.02)}, seed)
+        names = [one.part.hypothesis.name for one in found.found]
+        if names == ["backlash"]:
+            dropped += [one.name for one in found.dropped] == ["servo_mismatch"]
+            continue
+        assert names == ["backlash", "servo_mismatch"]
+        values, errors = found.found[1].values, found.found[1].errors
+        assert any(abs(values[key] - true) > errors[key] for key, true in (("b", B), ("c", C)))
+    assert 1 <= dropped <= 3
