@@ -170,7 +170,10 @@ def fit_cascade(problem: AxisProblem) -> DriveFit | None:
 
 
 def _with_rare(problem: AxisProblem, base: DriveFit) -> DriveFit:
-    """Add what few cascades have, the best first, where too much is left without and no more than noise with it."""
+    """Add what few cascades have, the best first, where too much is left without and no more than noise with it.
+
+    Where the best leaves nearly as much of the held-out samples, no two leave noise alone.
+    """
     found = base
     for _ in range(MOST_RARE):
         if _is_complete(problem, found):
@@ -183,7 +186,8 @@ def _with_rare(problem: AxisProblem, base: DriveFit) -> DriveFit:
         likely = sorted(starts, key=lambda name: _left_beside(found, starts[name]))[:LIKELY]
         tried = [fit_drive(problem, starts[name], (*found.names, name), rounds=1) for name in likely]
         best = max(tried, key=lambda one: held_out_gain(problem, one, found))
-        if held_out_gain(problem, best, found) < EARNS:
+        much = position_rms(problem, best.left, problem.held) > MUCH * position_rms(problem, found.left, problem.held)
+        if held_out_gain(problem, best, found) < EARNS or (much and not _is_complete(problem, best)):
             break
         found = best
     return found if _is_complete(problem, found) else base
