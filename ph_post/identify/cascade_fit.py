@@ -104,6 +104,9 @@ MUCH: Final = 0.7
 FRICTIONS: Final = (4e-6, 3e-5)
 """Friction that is tried first, F/K [m], where a cascade without any leaves too much."""
 
+NOTED: Final = 0.02
+"""Part of a feed-forward from which on it is said that the dead time may make up for it."""
+
 VAGUE: Final = 0.25
 """Relative standard error above which a number is not separate from others."""
 
@@ -332,6 +335,14 @@ def cascaded_axis(
     if found.verdict.fit is None and found.verdict.bound is not None:
         said.append(f"the log shows no backlash above {found.verdict.bound / MICROMETRE:.2g} µm")
     parameters = _estimates(plant, errors)
+    less = _like_feedforward(plant)
+    if less > NOTED:
+        weight = base_value(plant, "velocity_feedforward")
+        said.append(
+            f"feed-forward is {100.0 * weight:.3g} % if the command is late by the dead time, and"
+            f" {100.0 * (weight - less):.3g} % if the position loop is, as where a drive computes in steps; the path is"
+            " the same"
+        )
     if "gap" in names and plant.loop.encloses_backlash:
         said.append(f"the lost motion is given for inertia_fraction = {plant.eta:.4g}")
     left = best.left
@@ -361,11 +372,20 @@ def cascaded_axis(
     return drive, axis
 
 
+def _like_feedforward(plant: Plant) -> float:
+    """Return the part of a feed-forward that the dead time makes up for if it is all in the position loop.
+
+    A loop that knows its place so much late takes K_v times that of the speed for an error: with so much less
+    feed-forward it moves like one whose command is late. A drive that computes in steps is such a loop.
+    """
+    return _gain_of(plant) * max(base_value(plant, "dead_time"), 0.0)
+
+
 def _errors(best: DriveFit) -> dict[str, float]:
     """Return standard errors of the numbers as they are fitted.
 
     They are made of the noise, of what the log hardly shows of a cascade and may be there, of what the command does
-    between its samples, and of what no log of a drive that computes in steps is better than.
+    between its samples, of what no log of a drive that computes in steps is better than, and of where its dead time is.
     """
     problem, names = best.problem, best.names
     unseen = {name: error for name, error in UNSEEN.items() if name not in names}
@@ -378,8 +398,15 @@ def _errors(best: DriveFit) -> dict[str, float]:
     between = between_samples(best, names)
     if "gap" in names:
         between["gap"] *= best.plant.gap / MICROMETRE
+    late = {"velocity_feedforward": _like_feedforward(best.plant) / math.sqrt(3.0)}
     return {
-        name: math.hypot(math.sqrt(spread[k, k]), moved[k], between[name], FINEST.get(name, LEAST_UNCERTAINTY))
+        name: math.hypot(
+            math.sqrt(spread[k, k]),
+            moved[k],
+            between[name],
+            late.get(name, 0.0),
+            FINEST.get(name, LEAST_UNCERTAINTY),
+        )
         for k, name in enumerate(names)
     }
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from support.cascade_plant import Drive
+from support.cascade_plant import PERIOD, Drive
 
 from ph_post.cli.main import main
 from ph_post.drive.machinefile import read_machine
 from ph_post.identify.identify import identify
 from ph_post.types.diagnosis import Estimate
-from tests.support.cascade_records import NOISE, machine_of, record
+from tests.support.cascade_records import NOISE, log_of, machine_of, moves, record
 from tests.support.identifying import Recorder, to_and_fro
 from tests.support.plants.axis import Plant
 
@@ -50,6 +50,29 @@ def test_structure_gains_and_gap(weight: float, gap: float, channels: str) -> No
         assert off(shown.parameters[name], true) < 2.5
     if "act" in channels:
         assert axis.gap.lost_motion == pytest.approx(gap, rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("steps", [1, 2])
+@pytest.mark.thinned(2, 1)
+def test_a_position_loop_that_computes_in_steps_seems_to_feed_more_forward(steps: int) -> None:
+    """It asks for a speed once a row, at once or a row later: K_v times that is like feed-forward."""
+    command, fine, kv, wv, tn = moves(), 40, 40.0, 250.0, 12e-3
+    h, place, speed, total, found, asked = PERIOD / fine, 0.0, 0.0, 0.0, [0.0], [0.0, 0.0]
+    for k in range(command.size - 1):
+        asked.append(kv * (command[k] - place) + (command[k] - command[max(k - 1, 0)]) / PERIOD)
+        for _ in range(fine):
+            total += h * (asked[-steps] - speed)
+            speed += h * wv * (asked[-steps] - speed + total / tn)
+            place += h * speed
+        found.append(place)
+    shown = identify(log_of(command, {"motor": np.array(found)}, 1), feedback={"X": "motor"}).drives["X"]
+    late = steps * PERIOD
+    assert shown.parameters["dead_time"].value == pytest.approx(1e3 * late, rel=0.05)
+    assert shown.parameters["velocity_feedforward"].value == pytest.approx(100.0 * (1.0 + kv * late), abs=0.6)
+    assert off(shown.parameters["velocity_feedforward"], 100.0) < 2.0
+    words = next(one for one in shown.notes if one.startswith("feed-forward is 10"))
+    assert "and 100 % if the position loop is" in words
 
 
 @pytest.mark.slow
