@@ -61,7 +61,7 @@ def _side(word: str | None) -> int:
     return 0 if word is None else 1 if word.startswith("G41") else -1 if word.startswith("G42") else 0
 
 
-def _tangent(motions: Motions, k: int, *, last: bool = False) -> Array:
+def tangent_of(motions: Motions, k: int, *, last: bool = False) -> Array:
     """Return the direction of a line or an arc at its start, or at its end, in X and Y."""
     if motions.kind[k] == ARC:
         beside = (motions.end if last else motions.start)[k, :2] - motions.center[k]
@@ -71,9 +71,9 @@ def _tangent(motions: Motions, k: int, *, last: bool = False) -> Array:
     return np.asarray(way / max(float(np.linalg.norm(way)), _NOTHING))
 
 
-def _turn(motions: Motions, before: int, behind: int) -> float:
+def path_turn(motions: Motions, before: int, behind: int) -> float:
     """Return the angle [rad] by which the path turns to the left between two motions."""
-    one, other = _tangent(motions, before, last=True), _tangent(motions, behind)
+    one, other = tangent_of(motions, before, last=True), tangent_of(motions, behind)
     return math.atan2(one[0] * other[1] - one[1] * other[0], float(one @ other))
 
 
@@ -230,7 +230,9 @@ class CutterContours:
     def _ways(self, one: CutterContour, changes: Mapping[str, Array]) -> list[tuple[float, float]]:
         """Radii [m] up to which axes move on the way onto a contour and off it as said, and the lengths of the ways."""
         motions = self._program.motions
-        tangents = [_tangent(motions, k) for k in (one.first, one.first + 1)] + [_tangent(motions, one.last, last=True)]
+        tangents = [tangent_of(motions, k) for k in (one.first, one.first + 1)] + [
+            tangent_of(motions, one.last, last=True)
+        ]
         left = [one.side * np.array([-tangent[1], tangent[0]]) for tangent in tangents]
         found = []
         onto = left[1:2] if self._program.language.name.startswith(_UPRIGHT) else left[:2]
@@ -255,7 +257,7 @@ class CutterContours:
             length = float(np.linalg.norm(motions.end[k, :2] - motions.start[k, :2]))
             slant = math.tan(0.5 * float(np.ptp(sides[crossing.axis])) / crossing.length)
             corners = [(before, before + 1) for before in (k - 1, k) if one.first < before + 1 <= one.last]
-            turns = [one.side * _turn(motions, *pair) for pair in corners]
+            turns = [one.side * path_turn(motions, *pair) for pair in corners]
             inner = [math.tan(0.5 * turn) for turn in turns if turn > _NOTHING]
             natural = min(length / sum(inner), STEEP) if inner else STEEP
             found.append((crossing.length / slant, natural))

@@ -98,12 +98,13 @@ class DipEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A stretch that is cut into blocks of a known time each: the feed in a window.
 
     `motion` (k + 1,) and `share` (k + 1,) are the ends of the blocks, in the order of travel, places on the
-    program's own motions; `duration` (k,) [s].
+    program's own motions; `duration` (k,) [s]. Where a crossing is in it, a `lasting` one stays beside that.
     """
 
     motion: IntArray
     share: Array
     duration: Array
+    lasting: bool = False
 
 
 class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -312,9 +313,12 @@ class MotionEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def schedule(edits: Edits, motions: Motions, step: float) -> list[MotionEdit]:
     """Gather the edits by motion; `step` [m] is one of the last decimal."""
     timed: dict[int, list[MotionPart]] = {}
+    lasting: dict[int, list[MotionPart]] = {}
     for dip in edits.dips:
         for motion, part in _pieces(dip, motions):
             timed.setdefault(motion, []).append(part)
+            if dip.lasting:
+                lasting.setdefault(motion, []).append(part)
     stops: dict[int, list[StopEdit]] = {}
     for stop in edits.stops:
         stops.setdefault(stop.motion, []).append(stop)
@@ -329,6 +333,7 @@ def schedule(edits: Edits, motions: Motions, step: float) -> list[MotionEdit]:
         _crossed_motion(
             motion,
             crossed[motion],
+            _apart(lasting.get(motion, []), crossed[motion], part_length(motions, motion, 0.0, 1.0), step),
             stops.get(motion, []),
             labels.get(motion, []),
             edits.joints.get(motion, ()),
@@ -373,24 +378,35 @@ def _pieces(dip: DipEdit, motions: Motions) -> Iterable[tuple[int, MotionPart]]:
                 yield k, MotionPart(low=low, high=high, duration=duration * length / sum(lengths))
 
 
+def _apart(timed: list[MotionPart], crossed: list[CrossingPart], length: float, step: float) -> list[MotionPart]:
+    """Return the blocks of known time; none where an end is so near to a crossing's that a part would be nothing."""
+    edges = [end for part in crossed for end in (part.low, part.high)]
+    least = _LEAST_STEPS * step / length if length > 0.0 else 2.0
+    ends = [end for part in timed for end in (part.low, part.high) if 0.0 < end < 1.0]
+    near = any(0.0 < abs(end - edge) < least for end in ends for edge in edges)
+    return [] if near else timed
+
+
 def _crossed_motion(
     motion: int,
     crossed: list[CrossingPart],
+    timed: list[MotionPart],
     stops: list[StopEdit],
     labels: list[str],
     joints: Sequence[float],
     feed: float,
 ) -> MotionEdit:
-    """Put the parts of crossings on a motion between those that stay as they are; feed dips give way to them."""
+    """Put the parts of crossings on a motion between those that stay as they are, or are `timed`."""
     parts: list[MotionPart] = []
     at = 0.0
     for part in (*sorted(crossed, key=lambda one: one.low), None):
         until = 1.0 if part is None else part.low
-        shares = {*(stop.share for stop in stops), *joints}
+        shares = {*(stop.share for stop in stops), *joints, *(end for one in timed for end in (one.low, one.high))}
         between = sorted(share for share in shares if at < share < until)
         for low, high in pairwise((at, *between, until)):
             if high > low:
-                parts.append(MotionPart(low=low, high=high, feed=feed))
+                known = _timed_part(low, high, timed, {end: end for one in timed for end in (one.low, one.high)})
+                parts.append(replace(known, feed=feed))
         if part is not None:
             parts.append(MotionPart(low=part.low, high=part.high, crossing=part))
             at = part.high

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate.offsets import may_shift
-from ph_post.compensate.plan_warnings import friction_warnings, side_warnings
+from ph_post.compensate.plan_warnings import friction_warnings, round_up, side_warnings
 from ph_post.dialects.base import Dialect
 from ph_post.edit.affordable import affordable_reversals
 from ph_post.edit.beams import BeamGuard, run_beside
@@ -18,6 +18,7 @@ from ph_post.edit.chord_joints import chord_joints
 from ph_post.edit.corner_joints import corner_joints
 from ph_post.edit.cutter_contours import CutterContours
 from ph_post.edit.edits import EditOptions, Edits, join_stops
+from ph_post.edit.gentle_feeds import GentleFeeds, gentle_feeds
 from ph_post.edit.preconditions import (
     blocked_chains,
     double_compensation,
@@ -28,7 +29,7 @@ from ph_post.edit.preconditions import (
     why_not_editable,
     written_offsets,
 )
-from ph_post.edit.reversal_search import ReversalSearch
+from ph_post.edit.reversal_search import ReversalSearch, motion_times
 from ph_post.edit.reversals import (
     chain_spans,
     section_spans,
@@ -64,6 +65,13 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     InputError
         Where the dialect's decimals are too few for an axis.
     """
+    found = _planned(program, machine, dialect, options, gentle=True)
+    # Time is for crossings first: an axis that is left alone does more harm than tables that run on.
+    return _planned(program, machine, dialect, options, gentle=False) if found.dips and found.short else found
+
+
+def _planned(program: PartProgram, machine: Machine, dialect: Dialect, options: EditOptions, *, gentle: bool) -> Edits:
+    """Plan them, with `gentle` feeds where tables would run on, as far as there is time for those."""
     said = tuple(side_warnings(machine.axes[name] for name in moved_axes(program)))
     nothing = Edits(offset=sealed(np.zeros((program.motions.kind.size, 3))), warnings=said)
     axes = [machine.axes[name] for name in AXES if name in machine.axes and may_shift(machine.axes[name])]
@@ -83,9 +91,13 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     runs, unmarked = beam.runs(), frozenset[int]()
     contours = CutterContours(program)
     refused = contours.left()
+    total = max(float(motion_times(program, machine).sum()), options.cycle, 1e-9)
+    feeds, needed = _gentle_feeds(program, machine, dialect, amplitude, options, open_, total if gentle else 0.0)
+    slower = sum(feeds.times) / total
+    options = replace(options, max_slowdown=options.max_slowdown - slower)
     for number in range(BEAM_ROUNDS + len(contours.contours)):
         left = sorted([*(runs[run] for run in unmarked), *contours.spans(refused), *options.stretches])
-        search = ReversalSearch(program, machine, dialect, amplitude, sides, open_, options, left)
+        search = ReversalSearch(program, machine, dialect, amplitude, sides, open_, options, left, feeds.feed)
         afforded = affordable_reversals(search, options)
         changes = afforded.changes
         crossings, stops, pulse, offset, burnt = search.crossings.plan(changes, afforded.coarser)
@@ -111,12 +123,19 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         kept=search.crossings.ground.kept(crossings),
         rounding=search.crossings.ground.rounding_of(crossings),
         joints=chord_joints(program.motions, machine, crossings) | corner_joints(search.crossings.ground, crossings),
-        slowdown=afforded.slowdown,
+        dips=tuple(one for one in feeds.dips if offset[one.motion[-1]].any()),
+        slowdown=afforded.slowdown + slower,
         short=afforded.short,
     )
     warnings = [*said, *warn_blocked(program, blocked), *warn_unknown(program, amplitude), *afforded.warnings]
     warnings += beam.warn_left([runs[run] for run in sorted(unmarked)])
     warnings += contours.words(refused, radii, edits.offset)
+    if needed > sum(feeds.times):
+        allows = round_up(max(needed / total / SHARE, options.pace * (needed / total + afforded.slowdown)))
+        warnings.append(
+            "friction would hold all tables at lower feeds on tight arcs and before stops, which would add"
+            f" {needed:.2g} s: --max-slowdown {allows:g} allows them"
+        )
     if edits.amplitude:
         own = double_compensation(program, dialect, machine)
         warnings += [
@@ -126,6 +145,36 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
             *dialect.notices.cautions,
         ]
     return replace(edits, warnings=tuple(warnings))
+
+
+SHARE: Final = 0.75
+"""Part of the time allowed that gentle feeds may take."""
+
+
+def _gentle_feeds(
+    program: PartProgram,
+    machine: Machine,
+    dialect: Dialect,
+    amplitude: Collection[str],
+    options: EditOptions,
+    sections: BoolArray,
+    total: float,
+) -> tuple[GentleFeeds, float]:
+    """Return the feeds at which tables do not run on in open `sections` (s,), as far as there is time for them.
+
+    The other number is the time that all of them take [s]; `total` is the program's, 0 where there are to be none.
+    """
+    found = gentle_feeds(program, machine, dialect, amplitude)
+    if any(axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0 for axis in machine.axes.values()):
+        return found.within(-1.0, lambda _: None), 0.0
+    low, _ = section_spans(program.motions)
+
+    def section(motion: int) -> int | None:
+        number = int(np.searchsorted(low, motion, side="right")) - 1
+        left = any(first <= motion < last for first, last in options.stretches)
+        return number if sections[number] and not left else None
+
+    return found.within(SHARE * options.max_slowdown * total, section), sum(found.times)
 
 
 def _check_overshoot(axes: list[Axis], options: EditOptions) -> None:

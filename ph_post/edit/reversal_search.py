@@ -72,6 +72,8 @@ class ReversalSearch:
     left : sequence of tuple
         First motion, and the one behind the last, of stretches in which no axis is shifted: each is a chain of its own
         here, and so is what is before and behind it; no offset lasts beyond.
+    slow : Array, shape (m,), optional
+        Feed of the motions that are passed more slowly [m/s], infinite for others.
     """
 
     def __init__(
@@ -84,6 +86,7 @@ class ReversalSearch:
         sections: BoolArray,
         options: EditOptions,
         left: Sequence[tuple[int, int]] = (),
+        slow: Array | None = None,
     ) -> None:
         self.program, self.dialect = program, dialect
         self.amplitude, self.sides = amplitude, sides
@@ -103,6 +106,8 @@ class ReversalSearch:
         self.open = {name: opened.copy() for name in amplitude}
         self._view = motion_view(program.motions)
         self._feed = np.nan_to_num(cutting_feed(program, self.times))
+        if slow is not None:
+            self._feed = np.minimum(self._feed, slow)
         # No less than what the numbers of the program can say of the backlash.
         self._overshoot = {
             name: APPROACH * (plus - minus) if options.overshoot is None else max(options.overshoot, plus - minus)

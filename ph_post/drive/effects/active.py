@@ -80,8 +80,9 @@ def plant_of(axis: Axis, scenario: Scenario) -> Plant:
     if axis.gravity_side:
         return replace(plant, gap=0.0, widening=None)
     if scenario.runs_on is not None and not axis.loop.encloses_backlash:
-        slows = scenario.runs_on * friction_brakes(plant)
-        plant = replace(plant, slows=slows if slows < axis.limits.acceleration else math.inf)
+        brakes = friction_brakes(plant)
+        runs_on = max(1.0, scenario.runs_on) * brakes < axis.limits.acceleration
+        plant = replace(plant, slows=scenario.runs_on * brakes if runs_on else math.inf)
     if plant.widening is None or scenario.gap == 1.0:
         return plant
     return replace(plant, widening=scale_profile(plant.widening, scenario.gap))
