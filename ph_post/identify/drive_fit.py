@@ -198,10 +198,12 @@ def fit_drive(
     priors : mapping, optional
         Numbers of the plant to start from that are known beforehand, and their relative standard errors.
     """
-    known = DrivePrior(plant, priors)
+    known, compared = DrivePrior(plant, priors), bool(problem.held.any())
+    if names and rounds > 1 and not compared:
+        plant = _fit_once(problem, plant, names, known, rough=True)
     for _ in range(rounds if names else 0):
         before = _values(plant, names)
-        plant = _fit_once(problem, plant, names, known)
+        plant = _fit_once(problem, plant, names, known, rough=compared)
         if np.allclose(_values(plant, names), before, rtol=0.0, atol=SAME):
             break
     return tangent(problem, plant, names)
@@ -211,9 +213,9 @@ def _values(plant: Plant, names: Sequence[str]) -> Array:
     return np.array([free_number(name, plant).read(plant) for name in names])
 
 
-def _fit_once(problem: AxisProblem, plant: Plant, names: Sequence[str], known: DrivePrior) -> Plant:
+def _fit_once(problem: AxisProblem, plant: Plant, names: Sequence[str], known: DrivePrior, *, rough: bool) -> Plant:
     numbers = [_slowed(free_number(name, plant), plant, problem.period) for name in names]
-    weights, compared = weights_of(problem, residuals(problem, plant), problem.fit), bool(problem.held.any())
+    weights = weights_of(problem, residuals(problem, plant), problem.fit)
 
     @lru_cache(maxsize=1)  # slopes begin where a step ended
     def made(unknowns: tuple[float, ...]) -> Array:
@@ -231,10 +233,10 @@ def _fit_once(problem: AxisProblem, plant: Plant, names: Sequence[str], known: D
         rows,
         start,
         bounds=(low, high),
-        jac=partial(_slopes, rows, numbers, compared),
+        jac=partial(_slopes, rows, numbers, rough),
         x_scale=np.maximum(np.where(np.array(names) == "gap", np.abs(start), 1.0), 1.0),
         max_nfev=25,
-        ftol=CLOSE if compared else FINE,
+        ftol=CLOSE if rough else FINE,
         xtol=CLOSE,
         gtol=1e-10,
     )
