@@ -54,7 +54,7 @@ def test_structure_gains_and_gap(weight: float, gap: float, channels: str) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("steps", [1, 2])
-@pytest.mark.thinned(2, 1)
+@pytest.mark.thinned(2)
 def test_a_position_loop_that_computes_in_steps_seems_to_feed_more_forward(steps: int) -> None:
     """It asks for a speed once a row, at once or a row later: K_v times that is like feed-forward."""
     command, fine, kv, wv, tn = moves(), 40, 40.0, 250.0, 12e-3
