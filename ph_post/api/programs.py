@@ -333,16 +333,16 @@ class _PlanSearch:
         self._over, self._further, self._enough = math.inf, 0, math.inf
         self._planned: set[float] = set()
         self._parts: set[int] = set()
-        self._largest, self._pace = 0.0, 1.0
+        self._largest, self._pace, self._divided = 0.0, 1.0, False
 
     def run(self, options: EditOptions) -> CompensatedProgram:
         """Return the best plan; the program itself where none is good."""
-        for _ in range(ROUNDS):
+        for _ in range(ROUNDS + FURTHER):
             edits = self._planner.plan(options)
             edits = replace(edits, warnings=(*edits.warnings, *self._warnings))
             if edits.empty:
-                break
-            if self._kept is not None and edits.slowdown in self._planned:
+                again = self._in_parts(options) if edits.short else None
+            elif self._kept is not None and edits.slowdown in self._planned:
                 # The same plan again: what is left of the time is too little for the next.
                 again = self._other(options, self._kept[1])
             else:
@@ -406,28 +406,49 @@ class _PlanSearch:
             self._enough = min(self._enough, judged.slowdown)
         tighter = tightened(options, judged, self._request.edit.max_slowdown, self._count)
         if tighter is not None:
-            if self._kept is not None or tighter.max_slowdown < options.max_slowdown:
-                self._over = min(self._over, options.max_slowdown)
-            if self._kept is not None:
-                return None if options.largest_first else self._other(*self._kept)
-            if tighter.left:
-                where = section_words(self._original, tighter.left)
-                why = "worse where a table runs on in its backlash"
-                if tighter.left - judged.runs_on:
-                    why = "no better; a path mode that rounds corners less may help" if self._rounds else "no better"
-                self._said = (f"not compensated in {where}: the part would be {why}",)
-            return tighter
+            return self._less(made.edits, judged, options, tighter)
         if self._kept is None or judged.rms <= self._kept[1].rms:
             self._best = made
             self._kept = options, judged
         return self._other(options, judged) if made.edits.short else None
 
+    def _less(
+        self, edits: Edits, judged: GuardFinding, options: EditOptions, tighter: EditOptions
+    ) -> EditOptions | None:
+        """Return the options of another plan behind one that was not good; None where enough were tried."""
+        if self._kept is not None or tighter.max_slowdown < options.max_slowdown:
+            self._over = min(self._over, options.max_slowdown)
+        if options.in_parts and not judged.worse and not (self._kept is not None and self._kept[0].in_parts):
+            return tighter
+        if self._kept is not None:
+            return self._in_parts(options) if options.largest_first else self._other(*self._kept)
+        if judged.worse and edits.short and not self._divided:
+            # One axis alone may leave the part worse than none.
+            return self._in_parts(options)
+        if tighter.left:
+            where = section_words(self._original, tighter.left)
+            why = "worse where a table runs on in its backlash"
+            if tighter.left - judged.runs_on:
+                why = "no better; a path mode that rounds corners less may help" if self._rounds else "no better"
+            self._said = (f"not compensated in {where}: the part would be {why}",)
+        return tighter
+
     def _other(self, options: EditOptions, judged: GuardFinding) -> EditOptions | None:
         """Return the options of another plan beside a good one; None where enough were tried."""
         self._further += 1
         if options.largest_first or self._further > FURTHER:
+            return self._in_parts(options)
+        again = otherwise(options, judged, self._request.edit.max_slowdown, self._over)
+        return None if again.largest_first and options.in_parts else again
+
+    def _in_parts(self, options: EditOptions) -> EditOptions | None:
+        """Return the options of a plan up to where the time ends, all axes together; None where that was tried."""
+        if self._divided or not self._planner.offsets_axes:
             return None
-        return otherwise(options, judged, self._request.edit.max_slowdown, self._over)
+        self._divided, self._further, self._over = True, 1, math.inf
+        return replace(
+            options, in_parts=True, largest_first=False, max_slowdown=self._request.edit.max_slowdown / self._pace
+        )
 
     def _without_failed(self, made: CompensatedProgram, refused: Places, options: EditOptions) -> EditOptions:
         """Leave what does not pass the check as it is: of a section first the motions about it, then all of it."""

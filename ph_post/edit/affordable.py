@@ -14,7 +14,7 @@ from ph_post.compensate.plan_warnings import round_up
 from ph_post.edit.crossings import COARSER, FINE
 from ph_post.edit.edits import EditOptions
 from ph_post.edit.reversal_search import ReversalSearch
-from ph_post.edit.reversals import MOTION
+from ph_post.edit.reversals import MOTION, SIGN
 from ph_post.gcode.program import AXES
 from ph_post.types import Array, IntArray
 from ph_post.units import MM
@@ -26,7 +26,7 @@ TAKEN_BACK: Final = 6
 """Axes in sections, of those that were left, of which it is tried whether there is time for them after all."""
 
 _HALVINGS: Final = 6
-"""Halvings of the range of the dead band, down to a sixtieth of it."""
+"""Halvings of the range of the dead band, and of the time for parts of sections, down to a sixtieth of it."""
 
 
 class AxisInSections(NamedTuple):
@@ -78,7 +78,6 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
                 short=coarser >= FINE,
             )
     _leave_costly(search, options, allowed, need)
-    _take_back(search, options, allowed)
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
@@ -107,6 +106,22 @@ def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, 
     found = _search_raised(search, options, 1.0)
     cost = _section_costs(search, found)
     gain = {name: search.gain(name, rows) for name, rows in found.items()}
+    if options.in_parts:
+        _leave_behind(search, options, allowed, need, found, gain)
+    else:
+        _leave_axes(search, options, allowed, need, cost, gain)
+        _take_back(search, options, allowed)
+
+
+def _leave_axes(
+    search: ReversalSearch,
+    options: EditOptions,
+    allowed: float,
+    need: float,
+    cost: Mapping[str, Array],
+    gain: Mapping[str, Array],
+) -> None:
+    """Leave axes in sections alone, by what they cost [s] and gain there (s,)."""
     places = {
         (name, own[0]): AxisInSections(own, float(cost[name][own].sum()), float(gain[name][own].sum()))
         for name in cost
@@ -123,10 +138,9 @@ def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, 
         for place in order[:count]:
             price[place[0]] += options.pace * places[place].cost
         for place in reversed(order[:count]):
-            name = place[0]
-            why = f"its crossings would cost {price[name]:.2g} s; --max-slowdown {need:g} would allow them"
+            why = _too_costly(price[place[0]], need)
             for n in places[place].sections:
-                search.give_up(name, n, why, for_now=True)
+                search.give_up(place[0], n, why, for_now=True)
 
     low, high = len(places) - len(kept), len(places)
     leave(low)
@@ -137,6 +151,85 @@ def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, 
         leave(middle)
         low, high = (low, middle) if _fits(search, options, allowed) else (middle, high)
     leave(high)
+
+
+def _leave_behind(
+    search: ReversalSearch,
+    options: EditOptions,
+    allowed: float,
+    need: float,
+    found: dict[str, Array],
+    gain: Mapping[str, Array],
+) -> None:
+    """Leave all axes that reverse there from a place in a section on, and sections that gain less for their time."""
+    total = np.sum(list(gain.values()), axis=0)
+    parts = _SectionParts(search, found, total, largest_first=options.largest_first)
+
+    def leave(budget: float) -> None:
+        search.take_again(search.for_now)
+        for begin, end in parts.left(budget):
+            for n in search.divided(begin, end):
+                for name in _turning(found, begin, end):
+                    search.give_up(name, n, _too_costly(options.pace * parts.cost[name], need), for_now=True)
+
+    low, high = 0.0, allowed
+    leave(high)
+    if not _fits(search, options, allowed):
+        # It costs something to begin and to end between two cuts.
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            leave(middle)
+            low, high = (middle, high) if _fits(search, options, allowed) else (low, middle)
+        leave(low)
+
+
+def _turning(found: Mapping[str, Array], begin: int, end: int) -> list[str]:
+    """Return the axes that reverse from a motion on to before another: the others keep the offset that they have."""
+    inside = {name: (rows[:, MOTION] >= begin) & (rows[:, MOTION] < end) for name, rows in found.items()}
+    return [name for name, rows in found.items() if (inside[name] & (rows[:, SIGN] != 0.0)).any()]
+
+
+class _SectionParts:
+    """The sections of a program in the order of what they gain for their time, all axes together.
+
+    Parameters
+    ----------
+    search : ReversalSearch
+    found : dict
+        Changes by axis.
+    gain : Array, shape (s,)
+        Of all axes in each section.
+    largest_first : bool
+        The order is that of the gain alone.
+    """
+
+    def __init__(self, search: ReversalSearch, found: dict[str, Array], gain: Array, *, largest_first: bool) -> None:
+        spots, self._times = search.crossings.costs(found, COARSER[-1])
+        self._section = search.section_of(spots.rows[:, MOTION])
+        self._motion = spots.rows[:, MOTION].astype(np.int64)
+        self._high = search.high
+        cost = np.bincount(self._section, self._times, gain.size)
+        self.cost = {name: float(self._times[spots.column == AXES.index(name)].sum()) for name in found}
+        """Time [s] that all crossings of an axis take."""
+        opened = np.any([search.open[name] for name in found], axis=0)
+        self._runs = _runs(np.flatnonzero(opened), gain)
+        self._runs.sort(key=lambda own: -gain[own].sum() / (1.0 if largest_first else max(cost[own].sum(), 1e-12)))
+
+    def left(self, budget: float) -> list[tuple[int, int]]:
+        """Return the motions, from one to before another, for which a time [s] is too short."""
+        found = []
+        for own in self._runs:
+            here = np.isin(self._section, own)
+            spent = np.cumsum(self._times[here])
+            if spent.size and spent[-1] > budget:
+                place = int(self._motion[here][np.argmax(spent > budget)])
+                found.append((place, int(self._high[own[-1]])))
+            budget = max(budget - float(spent[-1] if spent.size else 0.0), 0.0)
+        return found
+
+
+def _too_costly(price: float, need: float) -> str:
+    return f"its crossings would cost {price:.2g} s; --max-slowdown {need:g} would allow them"
 
 
 def _runs(sections: IntArray, gain: Array) -> list[list[int]]:

@@ -68,6 +68,8 @@ class CrossingCosts:
             cost[jogs] += np.where(in_place[jogs], standing[jogs] + rest, 0.0)
         chords = spots.window[:, 2] > 0.0
         cost[chords] = self.of_chords(spots)[chords]
+        if spots.whole.any():
+            cost[spots.whole] = self.of_rests(spots.rest[spots.whole], spots.column[spots.whole])[0]
         return cost
 
     def of_stops(self, spots: Spots) -> Array:
@@ -86,6 +88,18 @@ class CrossingCosts:
         speed = np.where(spots.window[:, 2] > 0.0, spots.window[:, 2], feed)
         way = spots.window[:, 1] - spots.window[:, 0]
         return np.asarray((feed - speed) ** 2 / (feed * push) + way / speed - way / feed)
+
+    def of_rests(self, rests: Array, column: IntArray) -> tuple[Array, Array]:
+        """Return the time [s] of crossings that take rests (n, 2) between corners, and their feeds [m/s], (n,)."""
+        ground = self._ground
+        axes = [ground.machine.axes[AXES[n]] for n in column.tolist()]
+        lost = np.array([axis.gap.lost_motion for axis in axes])
+        push, most = np.array([(axis.limits.acceleration, axis.limits.velocity) for axis in axes]).reshape(-1, 2).T
+        length = rests[:, 1] - rests[:, 0]
+        line = np.searchsorted(ground.along, rests.mean(axis=1), side="right") - 1
+        feed = np.maximum(ground.feed[line], LEAST_FEED)
+        longer = _between_stops(lost, push, most) - _between_stops(length, ground.push[line], feed)
+        return np.maximum(longer, 0.0), np.minimum(feed, most * length / lost)
 
     @staticmethod
     def _pause(axis: Axis, coarser: float) -> float:
@@ -136,6 +150,11 @@ class CrossingCosts:
         ahead = np.where(beyond, part, np.where(onto_side, whole, pause))
         behind = np.where(cut, SETTLING * response_time(axis.servo), pause)
         return ahead, behind, np.asarray(beyond)
+
+
+def _between_stops(way: Array, push: Array, most: Array) -> Array:
+    """Time of ways [m] from rest to rest, by acceleration [m/s²] and largest speed [m/s], in s."""
+    return np.asarray(np.where(way < most**2 / push, 2.0 * np.sqrt(way / push), way / most + most / push))
 
 
 def _settled(axis: Axis, residue: float) -> float:

@@ -20,6 +20,7 @@ from ph_post.edit.crossing_shapes import (
     CrossingShape,
     crossing_shape,
     fastest_in_arcs,
+    points_along,
     shape_in_steps,
     shortest_time,
 )
@@ -56,6 +57,9 @@ in three steps needs a 72nd part of the backlash."""
 PERIODS: Final = 2.0
 """No block is to be shorter than so many servo periods: a controller slows down for it."""
 
+BESIDE: Final = 1e-4 * MM
+"""So far beside a joint [m] the path has its direction."""
+
 LINE_SIZE: Final = 35.0
 """Length of a line of a crossing [bytes], for controllers that are fed over a serial line."""
 
@@ -70,7 +74,8 @@ class Spots(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     change; `first` of its chain; `at` the place along the program [m]; `rest` (n, 2) and `bound` (n, 2) [m]; `feed`
     [m/s]; `jog` where the shift is a move of its own; `window` (n, 5) of
     :func:`~ph_post.edit.crossing_shapes.find_windows`; `calm` where the axis rests long enough for a crossing at full
-    speed, `blend` (n,) [m] from its corners, and `spread` (n,) over how much of its line [m], 0 for little.
+    speed, `blend` (n,) [m] from its corners, and `spread` (n,) over how much of its line [m], 0 for little; `whole`
+    where the crossing takes all of a rest between two corners.
     """
 
     rows: Array
@@ -86,6 +91,7 @@ class Spots(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     window: Array
     blend: Array
     spread: Array
+    whole: BoolArray
 
 
 class CrossingGround:
@@ -241,6 +247,13 @@ class CrossingGround:
         """Return the offset [m] of an axis that moves in a direction; 0 for none."""
         minus, plus = self.sides[AXES[column]]
         return plus if sign > 0 else minus if sign < 0 else 0.0
+
+    def bends(self, places: Array) -> Array:
+        """Cosines of the angles by which the path turns at places along the program (n,)."""
+        before, here, behind = (points_along(self.view, self.along, places + BESIDE * k) for k in (-1.0, 0.0, 1.0))
+        into, out = here - before, behind - here
+        size = np.linalg.norm(into, axis=1) * np.linalg.norm(out, axis=1)
+        return np.asarray((into * out).sum(axis=1) / np.maximum(size, BESIDE**3))
 
     def alone(self, motion: int, column: int, sign: float) -> bool:
         """Return whether an axis, from a motion on, first moves alone, before any cut, and by more than its backlash.

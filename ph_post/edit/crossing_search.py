@@ -49,8 +49,13 @@ class CrossingSearch:
         self.ground = ground
         self._costs = CrossingCosts(ground)
         self._spots = SpotSearch(ground, self._costs)
-        self._restarts = restarts
+        self._restarts, self._whole = restarts, whole
         self._chain_of = np.searchsorted(whole, ground.low, side="right") - 1
+
+    def divided(self, low: IntArray) -> CrossingSearch:
+        """Return the search for other sections, by their first motions."""
+        self.ground.low = low
+        return CrossingSearch(self.ground, self._whole, self._restarts)
 
     def cost(self, changes: Mapping[str, Array], coarser: float = 1.0) -> float:
         """Return the time [s] that changes cost."""
@@ -183,6 +188,7 @@ class CrossingSearch:
             calm=bool(spots.calm[n]),
             blend=float(spots.blend[n]),
             spread=float(spots.spread[n]),
+            whole=bool(spots.whole[n]),
         )
         return planner.plan(spot, spots.window[n])
 

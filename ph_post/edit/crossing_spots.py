@@ -44,6 +44,7 @@ from ph_post.edit.reversals import (
     LAST,
     MOTION,
     PASSED,
+    SAME,
     SHARE,
     SHARE0,
     SHARE1,
@@ -51,7 +52,7 @@ from ph_post.edit.reversals import (
 )
 from ph_post.gcode.program import ARC, AXES, RAPID, plane_columns
 from ph_post.simulate.controllers.moves import tolerances
-from ph_post.types import Array, ExactPath, IntArray
+from ph_post.types import Array, BoolArray, ExactPath, IntArray
 from ph_post.units import MM
 
 STEPS_ERROR: Final = 1.25e-3 * MM
@@ -66,6 +67,12 @@ BLEND_ANGLE: Final = math.radians(20.0)
 
 NEARLY: Final = 0.999
 """Part of a length that is as good as all of it."""
+
+STRAIGHT: Final = 1.0 - 1e-9
+"""Part of its length that a way between two places is apart at least, if it is straight."""
+
+BESIDE: Final = 4
+"""Changes before and behind a rest of which it is looked whether they use it: no more can be at its ends."""
 
 BEAM_COARSER: Final = (2.0, 4.0, 8.0)
 """Multiples of the least error that a crossing with a beam on is given before it is left alone."""
@@ -118,6 +125,7 @@ class SpotSearch:
             window=np.zeros((len(rows), 5)),
             blend=np.zeros(len(rows)),
             spread=np.zeros(len(rows)),
+            whole=np.zeros(len(rows), dtype=np.bool_),
         )
         if ground.contours:
             found = self._on_contours(found, motion)
@@ -134,9 +142,7 @@ class SpotSearch:
                 rest[n] = bound[n] = ground.along[line : line + 2]
                 at[n] = rest[n].mean()
                 spread[n] = min(SLANTED, QUARTER * np.ptp(rest[n]))
-        moved = replace(spots, rest=rest, bound=bound, at=at, spread=spread)
-        order = np.lexsort((spots.column, at))
-        return Spots(**{name: getattr(moved, name)[order] for name in Spots.__struct_fields__})
+        return _in_order(replace(spots, rest=rest, bound=bound, at=at, spread=spread))
 
     def _wound_up(self, rows: Array, column: int) -> Array:
         """Let the first change of a chain happen behind the rapid that brings the axis to its first place.
@@ -236,6 +242,7 @@ class SpotSearch:
         calm = inner & (room >= spots.feed * (wait + SETTLING * lag) + 2.0 * blend) & (room > 2.0 * SHORTEST)
         corrected = (ground.contours.number[motion] >= 0) | (ground.contours.number[behind] >= 0)
         calm &= ~corrected | (spots.spread > 0.0)
+        calm, spots = self._between_corners(spots, inner & ~calm & ~corrected & (lag < SHORT_LAG), calm)
         turning = inner & ~calm & ~corner & ~corrected
         window = np.zeros((len(rows), 5))
         # A beam is not slowed down: a coarser crossing has to do.
@@ -276,7 +283,54 @@ class SpotSearch:
             works = ground.beam.works.on[motion] & ground.beam.tends
             turning &= works | (self._costs.of_chords(spots) <= self._costs.of_stops(spots))
         jog = (rows[:, CARRIED] == 0.0) & ~calm & ~turning
-        return replace(spots, jog=jog, window=np.where(turning[:, None], window, 0.0))
+        found = replace(spots, jog=jog, window=np.where(turning[:, None], window, 0.0))
+        return _in_order(found) if spots.whole.any() else found
+
+    def _between_corners(self, spots: Spots, may: BoolArray, calm: BoolArray) -> tuple[BoolArray, Spots]:
+        """Let crossings take the whole of a straight rest between two corners, where that is faster than to stop.
+
+        The path is slow in both corners, so that the motor has the time of the rest to cross.
+        """
+        ground = self._ground
+        first, last = (spots.rows[:, at].astype(np.int64) for at in (FIRST, LAST))
+        may = may & (spots.rows[:, SHARE0] == 1.0) & (spots.rows[:, SHARE1] == 1.0) & (last > first)
+        may &= (last + 1 < ground.feed.size) & (ground.region[first] == ground.region[last])
+        whole_lines = np.append(0, np.cumsum(ground.divisible))
+        may &= whole_lines[last + 1] - whole_lines[first + 1] == last - first
+        which = np.flatnonzero(may)
+        if not which.size:
+            return calm, spots
+        rests = np.stack([ground.along[first[which] + 1], ground.along[last[which] + 1]], axis=1)
+        length = rests[:, 1] - rests[:, 0]
+        begin, end = (points_along(ground.view, ground.along, one) for one in rests.T.copy())
+        straight = (length > 2.0 * SHORTEST) & (np.linalg.norm(end - begin, axis=1) >= STRAIGHT * length)
+        straight &= np.max([ground.bends(place) for place in rests.T.copy()], axis=0) < KINK
+        straight &= ~self._shared(spots, which, rests)
+        which, rests = which[straight], rests[straight]
+        cost, feed = self._costs.of_rests(rests, spots.column[which])
+        less = cost < self._costs.of_stops(spots)[which]
+        which, rests, feed = which[less], rests[less], feed[less]
+        rest, at, speed, whole = spots.rest.copy(), spots.at.copy(), spots.feed.copy(), spots.whole.copy()
+        rest[which], at[which], speed[which], whole[which] = rests, rests.mean(axis=1), feed, True
+        bound = spots.bound.copy()
+        bound[which] = rests
+        for step, side in ((-1, 1), (1, 0)):
+            beside = np.clip(which + step, 0, at.size - 1)
+            limit = np.clip(bound[beside, side], *((-np.inf, rests[:, 0]) if side else (rests[:, 1], np.inf)))
+            bound[beside, side] = np.where(beside == which, bound[beside, side], limit)
+        return calm | whole, replace(spots, rest=rest, bound=bound, at=at, feed=speed, whole=whole)
+
+    @staticmethod
+    def _shared(spots: Spots, which: IntArray, rests: Array) -> BoolArray:
+        """Mask of the rests (n, 2) of changes in which another axis may cross as well."""
+        found = np.zeros(which.size, dtype=np.bool_)
+        for step in (*range(-BESIDE, 0), *range(1, BESIDE + 1)):
+            other = np.clip(which + step, 0, spots.at.size - 1)
+            length = rests[:, 1] - rests[:, 0]
+            overlap = np.minimum(rests[:, 1], spots.rest[other, 1]) - np.maximum(rests[:, 0], spots.rest[other, 0])
+            near = (spots.at[other] > rests[:, 0] - length) & (spots.at[other] < rests[:, 1] + length)
+            found |= (other != which) & near & (overlap > SAME) & (spots.rows[other, CARRIED] == 0.0)
+        return found
 
     def _allowed(self, spots: Spots, coarser: float, finest: Array) -> tuple[Array, Array]:
         """Return errors of crossings (n,) [m], up to a multiple of the `finest` ones (n,), and the largest of all."""
@@ -332,3 +386,9 @@ class SpotSearch:
         left *= spots.rows[:, SIGN] * ground.part_side
         found[left > 0.0], found[left < 0.0] = OUTWARD, INWARD
         return found
+
+
+def _in_order(spots: Spots) -> Spots:
+    """Return changes in the order of travel."""
+    order = np.lexsort((spots.column, spots.at))
+    return Spots(**{name: getattr(spots, name)[order] for name in Spots.__struct_fields__})

@@ -144,7 +144,7 @@ class CrossingPlace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     it; `bound` the places that the crossing may not leave; `before` and `after` the offsets [m] of all axes, shape
     (3,); `shape` of the crossing; `lag` [s]; `feed` the speed of the path [m/s]; `calm` where the axis rests long
     enough, with `blend` [m] at either end of the rest where the controller may round its corners; `spread` [m] over how
-    much of that line the offset changes, 0 over as little as may be.
+    much of that line the offset changes, 0 over as little as may be; `whole` where that is all of the rest.
     """
 
     column: int
@@ -160,6 +160,7 @@ class CrossingPlace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     calm: bool
     blend: float = 0.0
     spread: float = 0.0
+    whole: bool = False
 
 
 class _Knots(msgspec.Struct, kw_only=True, eq=False):
@@ -295,6 +296,8 @@ class CrossingPlanner:
 
     def _in_rest(self, spot: CrossingPlace) -> _Knots | None:
         """Cross while the axis rests anyway: on a straight stretch of the rest, and no slower."""
+        if spot.whole:
+            return self._straight(*spot.rest, spot)
         run = spot.feed * spot.shape.first
         settle, tail = SETTLING * spot.lag * spot.feed, spot.feed * (spot.shape.wait - spot.shape.first)
         low = max(spot.rest[0] + max(settle, spot.blend), spot.bound[0])
@@ -304,8 +307,10 @@ class CrossingPlanner:
             return None
         finish = min(begin + (spot.spread or 2.0 * run), high)
         begin, finish = self._on_line(begin, finish, high, run)
-        if finish <= begin:
-            return None
+        return self._straight(begin, finish, spot) if finish > begin else None
+
+    @staticmethod
+    def _straight(begin: float, finish: float, spot: CrossingPlace) -> _Knots:
         return _Knots(
             s=[begin, finish],
             added=[spot.before, spot.after],

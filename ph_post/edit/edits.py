@@ -247,6 +247,8 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         Time that a plan took on its controller for each second that was reckoned for it; what is said of time is that.
     largest_first : bool
         Where the time is short spend it on what gains most, in place of what gains most for its time.
+    in_parts : bool
+        Where the time is short compensate all axes up to a place in a section, in place of some axes in all of it.
     position_from : {0, 1, -1}
         Side from which axes come to places to which a rapid brings them, and at which they rest while the tool cuts;
         0 for either.
@@ -266,6 +268,7 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     cycle: float = 0.0
     pace: float = 1.0
     largest_first: bool = False
+    in_parts: bool = False
     position_from: int = 0
     overshoot: float | None = None
     part_side: int = 0

@@ -274,6 +274,27 @@ class ReversalSearch:
         self.open[name][section] = False
         self._given_up.setdefault((name, why), set()).add(section)
 
+    def divided(self, begin: int, end: int) -> range:
+        """Divide the section at a motion; return the numbers of the sections from there to before another motion.
+
+        What cuts nothing is no section of its own: it stays with what is before or behind it.
+        """
+        number = int(np.searchsorted(self.low, begin, side="right")) - 1
+        low, cuts = int(self.low[number]), self.program.motions.kind != RAPID
+        if not cuts[begin : self.high[number]].any():
+            number += 1
+        elif cuts[low:begin].any():
+            self.low = np.insert(self.low, number + 1, begin)
+            self.high = np.append(self.low[1:], self.high[-1])
+            self.open = {name: np.insert(one, number + 1, one[number]) for name, one in self.open.items()}
+            for place, sections in self._given_up.items():
+                both = {number + 1} if number in sections else set()
+                self._given_up[place] = both | {n + (n > number) for n in sections}
+            self.for_now = [(name, n + (n > number), why) for name, n, why in self.for_now]
+            self.crossings = self.crossings.divided(self.low)
+            number += 1
+        return range(number, int(np.searchsorted(self.low, end)))
+
     def take_again(self, places: Collection[tuple[str, int, str]]) -> None:
         """Take again what was left for now: axes in sections, with the reasons."""
         for name, section, why in places:

@@ -95,19 +95,38 @@ def test_a_reversal_on_a_spline_is_crossed_whatever_its_parameter(spline):
     assert after < 0.2 * before
 
 
-def test_what_time_would_do_is_said_where_no_plan_within_it_is_any_good():
-    """Many short strokes in one cut: with one axis alone the part is worse."""
+def strokes():
+    """Write many short lines, at angles of 60 degrees, in one cut."""
     directions = np.resize([0, -60, 60, 0, -60, -120, 0, -60, 60, 0, 120, 60, 0, -60, 60, 0, -60], 160)
     places = np.cumsum(0.366 * np.exp(1j * np.radians(directions)))
-    strokes = "".join(f"G1 X{place.real:.4f} Y{place.imag:.4f}\n" for place in places)
-    text = f"G21 G90 G17\nG0 X0 Y0 Z5\nG1 Z-1 F254\n{strokes}G0 Z5\nM2\n"
+    lines = "".join(f"G1 X{place.real:.4f} Y{place.imag:.4f}\n" for place in places)
+    return f"G21 G90 G17\nG0 X0 Y0 Z5\nG1 Z-1 F254\n{lines}G0 Z5\nM2\n"
+
+
+def test_what_time_would_do_is_said_where_it_is_too_short():
+    """With one axis alone the part is worse, so both are compensated up to a place."""
+    text = strokes()
+    found = delivered(text, request=asked(0.1))
+    before, after = found.motions
+    assert after.error.rms < 0.8 * before.error.rms
+    assert after.time <= 1.105 * before.time
+    said = [one for one in found.edits.warnings if one.startswith("axis")]
+    assert [one.split(":")[0].split(" to ")[1] for one in said] == ["164"] * 3
+    enough = {float(one.split("--max-slowdown ")[1].split()[0]) for one in said}
+    assert len(enough) == 1
+    before, after = delivered(text, request=asked(*enough)).motions
+    assert after.error.rms < 0.5 * before.error.rms
+    assert after.time <= (1.005 + enough.pop()) * before.time
+
+
+def test_what_time_would_do_is_said_where_no_plan_within_it_is_any_good(monkeypatch):
+    """With one axis alone the part is worse, and no part of the cut is tried."""
+    monkeypatch.setattr(programs._PlanSearch, "_in_parts", lambda *_: None)
+    text = strokes()
     found = delivered(text, request=asked(0.1))
     assert found.after.data == found.before.data
     (said,) = [one for one in found.edits.warnings if one.startswith("not compensated")]
-    enough = float(said.split("--max-slowdown ")[1].split()[0])
-    before, after = delivered(text, request=asked(enough)).motions
-    assert after.error.rms < before.error.rms
-    assert after.time <= (1.005 + enough) * before.time
+    assert "no plan within the time allowed makes the part better" in said
 
 
 def test_crossings_are_as_fine_as_the_time_allows():
