@@ -31,7 +31,7 @@ from ph_post.edit.reversals import (
     SIGN,
 )
 from ph_post.gcode.program import AXES
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, ExactPath, IntArray
 
 
 class CrossingSearch:
@@ -226,8 +226,11 @@ class CrossingSearch:
         reached = math.sqrt(axis.limits.acceleration * min(map(abs, ways)))
         # With its power in proportion to the speed over F a beam burns no more in a move at F than along the path.
         steady = bool(self.ground.beam.works.follows[motion]) and sign != 0.0 and not behind_rapid
-        if not steady:
-            velocity = min(velocity, reached) if velocity > 0.0 else make_jog(axis, longest, 0.0).velocity
+        if not steady and velocity > 0.0:
+            # Where joints are rounded, the cut beside a faster one is made faster, too.
+            velocity = reached if isinstance(self.ground.planner, ExactPath) else min(velocity, reached)
+        elif not steady:
+            velocity = make_jog(axis, longest, 0.0).velocity
         approach = bool(behind_rapid and sign != 0.0)
         if approach:
             velocity = min(velocity, gentlest_approach(axis))

@@ -242,7 +242,7 @@ class SpotSearch:
         calm = inner & (room >= spots.feed * (wait + SETTLING * lag) + 2.0 * blend) & (room > 2.0 * SHORTEST)
         corrected = (ground.contours.number[motion] >= 0) | (ground.contours.number[behind] >= 0)
         calm &= ~corrected | (spots.spread > 0.0)
-        calm, spots = self._between_corners(spots, inner & ~calm & ~corrected & (lag < SHORT_LAG), calm)
+        calm, spots = self._between_corners(spots, wait, inner & ~calm & ~corrected & (lag < SHORT_LAG), calm)
         turning = inner & ~calm & ~corner & ~corrected
         window = np.zeros((len(rows), 5))
         # A beam is not slowed down: a coarser crossing has to do.
@@ -286,7 +286,7 @@ class SpotSearch:
         found = replace(spots, jog=jog, window=np.where(turning[:, None], window, 0.0))
         return _in_order(found) if spots.whole.any() else found
 
-    def _between_corners(self, spots: Spots, may: BoolArray, calm: BoolArray) -> tuple[BoolArray, Spots]:
+    def _between_corners(self, spots: Spots, wait: Array, may: BoolArray, calm: BoolArray) -> tuple[BoolArray, Spots]:
         """Let crossings take the whole of a straight rest between two corners, where that is faster than to stop.
 
         The path is slow in both corners, so that the motor has the time of the rest to cross.
@@ -307,6 +307,9 @@ class SpotSearch:
         straight &= np.max([ground.bends(place) for place in rests.T.copy()], axis=0) < KINK
         straight &= ~self._shared(spots, which, rests)
         which, rests = which[straight], rests[straight]
+        # On a long line the middle of it will do.
+        half = np.minimum(0.5 * (rests[:, 1] - rests[:, 0]), (wait * spots.feed)[which])
+        rests = rests.mean(axis=1)[:, None] + half[:, None] * np.array([-1.0, 1.0])
         cost, feed = self._costs.of_rests(rests, spots.column[which])
         less = cost < self._costs.of_stops(spots)[which]
         which, rests, feed = which[less], rests[less], feed[less]

@@ -359,3 +359,13 @@ def test_an_approach_is_so_slow_that_friction_stops_the_table() -> None:
         flights[name] = max(speeds) ** 2 / (2.0 * brakes)
     assert flights["free"] > axis.gap.lost_motion
     assert flights["known"] < 0.06 * axis.gap.lost_motion
+
+
+def test_a_shift_of_its_own_is_no_slower_than_a_motor_can_be_where_the_path_is_exact() -> None:
+    """At 10 mm/min it would take 0.36 s; where corners are rounded the cut beside it would become faster."""
+    text = START + "G1 X10 F10\nX0\nX10\nM2\n"
+    for dialect, fastest in (("grbl", np.sqrt(0.25 * 60e-6)), ("linuxcnc", 10.0 * MM / 60.0)):
+        stops = plan(text, dialect=dialect, machine=replace(STEPPER, dialect=dialect)).stops
+        inside = [shift.velocity for stop in stops if not stop.approach for shift in stop.shifts if shift.whole]
+        assert len(inside) == 2
+        assert inside == pytest.approx([fastest, fastest])
