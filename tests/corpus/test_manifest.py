@@ -68,7 +68,9 @@ def test_the_rates_over_all_programs(rate, least):
 
 
 ROUNDED_AWAY = "linuxcnc/nc_files/flowsnake"
-"""A quarter of all reversals, in strokes that G64 without P rounds off: it is left as it is, and says so."""
+"""A quarter of all reversals, in strokes of 14 µm: the motor takes 28 ms to cross 50 µm, 26 % of the program's time in
+all, and strokes at 10 mm/min beside crossings on the fly would be rounded off at the speed of these. It says so, and is
+compensated up to where the time allowed ends."""
 
 
 def test_nearly_every_reversal_is_compensated():

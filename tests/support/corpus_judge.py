@@ -34,6 +34,9 @@ COARSE = 0.05
 MOST = 60_000
 """Samples of a program at most."""
 
+SHARP = 0.1
+"""Change of a step between samples, as a part of it, that is a corner."""
+
 RAPID = 0.5
 """Distance of the samples of rapids [mm]."""
 
@@ -144,8 +147,8 @@ def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | 
     try:
         if dialect in runs:
             run = runs[dialect](text)
-            thin = max(1, len(run.path) // MOST)
-            return run.path[::thin], run.cutting[::thin]
+            kept = _thinned(run.path)
+            return run.path[kept], run.cutting[kept]
         # Printers home; others stand where nobody knows.
         begins = [(0.0, 0.0, 0.0)] if dialect in PRINTERS else BEGINS
         if _SWITCHES.search(text):
@@ -160,6 +163,17 @@ def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | 
         return _sampled([interpret(read, begin, spiral=True) for begin in begins], laid)
     except (ArithmeticError, LookupError, TypeError, ValueError):
         return None
+
+
+def _thinned(path: np.ndarray) -> np.ndarray:
+    """Mask of the samples (n, 3) that are kept of very many: some along the way, and all beside its corners."""
+    kept = np.arange(len(path)) % max(1, len(path) // MOST) == 0
+    steps = np.diff(path, axis=0)
+    turns = np.linalg.norm(np.diff(steps, axis=0), axis=1) > SHARP * np.linalg.norm(steps[1:], axis=1)
+    kept[1:-1] |= turns
+    kept[:-2] |= turns
+    kept[2:] |= turns
+    return kept
 
 
 def _laid(text: str) -> set[int] | None:
@@ -245,7 +259,9 @@ def in_the_work(made: Places, original: Places) -> Places:
     for row in np.flatnonzero(cuts & ~np.append(False, cuts[:-1])).tolist():
         behind = int(leaves[np.searchsorted(leaves, row)])
         if flat and behind > row:
-            behind = row + int(np.argmin(near[row:behind]))
+            # Of places that are as near it is the last: an approach ends as far beyond as it began before.
+            here = near[row:behind]
+            behind = row + int(np.flatnonzero(here <= here.min() + SAME_HEIGHT)[-1])
         kept[row:behind] = False
     return motor, kept
 
