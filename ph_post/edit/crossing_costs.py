@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -21,7 +22,7 @@ from ph_post.edit.reversals import (
     SHARE,
     SIGN,
 )
-from ph_post.gcode.program import AXES, LINE, RAPID
+from ph_post.gcode.program import AXES, LINE, RAPID, PlaceArray
 from ph_post.types import Array, Axis, BoolArray, IntArray
 
 SOONER: Final = 0.02
@@ -126,12 +127,20 @@ class CrossingCosts:
         kind = self._ground.program.motions.kind[rows[:, MOTION].astype(np.int64)]
         return np.asarray((kind == RAPID) & (rows[:, SHARE] == 1.0))
 
+    @cached_property
+    def _seen(self) -> PlaceArray:
+        """The motions but rapids to the same place, with room for one more, which is none."""
+        motions = self._ground.program.motions
+        seen = motions.kind != RAPID
+        for axis in range(3):  # one by one: there may be a million motions
+            seen |= motions.start[:, axis] != motions.end[:, axis]
+        return np.append(np.flatnonzero(seen), seen.size).astype(np.int32)
+
     def _before_cut(self, rows: Array) -> BoolArray:
         """Mask of the changes (n,) behind whose motion a cut comes next, rapids to the same place apart."""
-        motions = self._ground.program.motions
-        seen = np.flatnonzero((motions.kind != RAPID) | (motions.start != motions.end).any(axis=1))
-        behind = np.searchsorted(seen, rows[:, MOTION].astype(np.int64) + 1)
-        return np.asarray(np.append(motions.kind[seen], RAPID)[behind] != RAPID)
+        kind = self._ground.program.motions.kind
+        behind = self._seen[np.searchsorted(self._seen, (rows[:, MOTION] + 1.0).astype(np.int32))]
+        return np.asarray((behind < kind.size) & (kind[np.minimum(behind, kind.size - 1)] != RAPID))
 
     def waits(self, rows: Array, first: BoolArray, axis: Axis, coarser: float) -> tuple[Array, Array, BoolArray]:
         """Rests before jogs and behind them (n,) [s], and which come from beyond their places, in the air.

@@ -36,12 +36,10 @@ _DROP = 1e-4
 """Extrusion [mm of filament] that is rounding, and the part of itself that is."""
 
 
-def words_of_changes(case: VerifyCase) -> tuple[WordTable, WordTable]:
-    """Return the words of the replaced and of the new lines of all changes."""
-    sides = ((case.original, case.lines.old_change), (case.compensated, case.lines.new_change))
-    old, new = (
-        program.words.take(np.flatnonzero(change[program.words.block] != NO_CHANGE)) for program, change in sides
-    )
+def words_of_changes(case: VerifyCase, words: tuple[WordTable, WordTable]) -> tuple[WordTable, WordTable]:
+    """Return the words of the replaced and of the new lines of all changes, out of words that have them."""
+    sides = zip(words, (case.lines.old_change, case.lines.new_change), strict=True)
+    old, new = (own.take(np.flatnonzero(change[own.block] != NO_CHANGE)) for own, change in sides)
     return old, new
 
 
@@ -135,7 +133,7 @@ def _far(case: VerifyCase) -> float:
 
 def _rooms(motions: Motions, made: IntArray, corners: Array, far: float) -> Array:
     """Return what is left [m] of the lines beside every joint but those in the corners of the contour."""
-    ways = (motions.end - motions.start)[made][:, :2]
+    ways = (motions.end[made] - motions.start[made])[:, :2]
     sizes, angles = np.hypot(*ways.T), np.arctan2(ways[:, 1], ways[:, 0])
     turns = np.abs(np.remainder(np.diff(angles) + np.pi, 2.0 * np.pi) - np.pi)
     joints = motions.end[made[:-1], :2]
