@@ -1,4 +1,4 @@
-"""Bounds of work: the most samples, blocks and places that one job may take.
+"""Bounds of work: the most samples, blocks and places that one job may take, and the memory that it gives back.
 
 Whatever loops over samples or blocks first estimates their number from lengths, feeds and times, and asks here
 before it begins. A job that is too large is refused in one line that says what would help.
@@ -6,8 +6,10 @@ before it begins. A job that is too large is refused in one line that says what 
 
 from __future__ import annotations
 
+import ctypes
 import math
-from typing import Final
+from functools import cache
+from typing import Any, Final
 
 from ph_post.errors import TooLargeError
 
@@ -34,6 +36,24 @@ HOUR: Final = 3600.0
 
 LONGEST_SIMULATED: Final = 1.0 * HOUR
 """No error is simulated of a program that runs longer, as time and memory grow with it [s]."""
+
+
+@cache
+def _trim() -> Any:
+    """Return the C library's function that gives free memory back; None where it has none."""
+    try:
+        return getattr(ctypes.CDLL(None), "malloc_trim", None)
+    except (OSError, TypeError):
+        return None
+
+
+def give_memory_back() -> None:
+    """Give memory that is no longer used back to the system, between two stages of a long job.
+
+    Much of it lies in gaps between what is kept, where glibc would keep it for arrays that may never come.
+    """
+    if (trim := _trim()) is not None:
+        trim(0)
 
 
 def check_samples(where: str, duration: float, period: float, remedy: str, longest: str = "") -> None:

@@ -20,7 +20,7 @@ from ph_post.edit.edits import EditOptions, Edits
 from ph_post.edit.preconditions import reckoned_feeds
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.errors import PhPostError
-from ph_post.gcode.paths import line_words
+from ph_post.gcode.paths import ProgramPath, line_words
 from ph_post.gcode.program import PartProgram
 from ph_post.progress import Progress, no_progress
 from ph_post.types import Machine
@@ -70,9 +70,9 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `before` is the original, recovered where the input was compensated before; `after` what is to be
     written, the same where nothing is changed. `declaration` is the one in its header, `edits` are the
-    changes and `windows` the plans behind those of axes inside their loops; `verdict` is the checker's, None
-    where nothing was changed. `done` says that the input was this very compensation already. `overrides` are the
-    errors of a program with the lead of the servos at feed overrides.
+    changes and `windows` the plans behind those of axes inside their loops; `paths` are the original's, None where they
+    were not fitted yet; `verdict` is the checker's, None where nothing was changed. `done` says that the input was this
+    very compensation already. `overrides` are the errors of a program with the lead of the servos at feed overrides.
     """
 
     before: PartProgram
@@ -80,6 +80,7 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     declaration: Declaration | None = None
     edits: Edits | None = None
     windows: tuple[WindowPlan, ...] = ()
+    paths: tuple[ProgramPath, ...] | None = None
     verdict: Verdict | None = None
     motions: tuple[ProgramMotion, ProgramMotion] | None = None
     done: bool = False

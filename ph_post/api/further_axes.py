@@ -120,7 +120,7 @@ def shifted_job(
 def _hashes(program: PartProgram) -> tuple[str, ...]:
     """Return version and hashes in the head of a program."""
     head = _HEAD.search(program.data)
-    facts = [] if head is None else read_facts(program.data[head.start() :], SHIFTED.mark)
+    facts = [] if head is None else read_facts(program.data, head.start(), SHIFTED.mark)
     versions = [found[1] for found in map(_VERSION.fullmatch, facts) if found]
     return (*versions, *(found[1].lower() for found in map(_HASH.fullmatch, facts) if found))
 

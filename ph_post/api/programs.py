@@ -105,6 +105,7 @@ def compensate_program(
         require_lead(machine, dialect, [name for name in moved_axes(program) if name in machine.axes])
     check_block_time(request.edit.block_time, machine.servo_period)
     original = _original(program, machine, request)
+    original.source.let_go()
     require_tool(original, machine)
     if original is not program and not request.force:
         head = read_declaration(program.data)
@@ -137,14 +138,17 @@ def _planned(
     reckoned = reckoned_feeds(original, machine)
     planner = _EditPlanner(reckoned, machine, dialect, request, progress)
     before = ProgramMotion(reckoned, reckoned, machine, "original", progress)
-    original.source.let_go()
     options = replace(request.edit, cycle=cycle_time(before))
+    # While nothing else is as large as the program: fitting takes as much as the program itself.
+    paths = planner.paths
+    original.source.let_go()
     paths_said = path_mode_warnings(original, machine, dialect)
     rounds = bool(paths_said) and dialect.syntax.path_mode is not None
     paths_said += chord_warnings(original, machine, dialect, options.tolerance)
     paths_said += [*doubtful_values(machine, moved_axes(original)), *warn_reckoned(original, reckoned), *said]
     paths_said += _friction_left(original, machine, request)
-    return _PlanSearch(original, planner, before, request, tuple(paths_said), rounds, progress).run(options)
+    found = _PlanSearch(original, planner, before, request, tuple(paths_said), rounds, progress).run(options)
+    return replace(found, paths=paths)
 
 
 def _friction_left(program: PartProgram, machine: Machine, request: ProgramRequest) -> list[str]:
@@ -267,7 +271,8 @@ class _EditPlanner:
         """The plans of axes with backlash inside the loop, those of the last edits."""
 
     @cached_property
-    def _paths(self) -> tuple[ProgramPath, ...]:
+    def paths(self) -> tuple[ProgramPath, ...]:
+        """The paths of the program."""
         self._progress("fitting the path")
         return paths_of(self._program)
 
@@ -276,7 +281,7 @@ class _EditPlanner:
         if self._planned is None or self._planned[0] != max_slowdown:
             plan = replace(self._request.plan, max_slowdown=max_slowdown * (1.0 - self._share))
             tolerance, progress = self._request.edit.tolerance, self._progress
-            found = plan_windows(self._program, self._paths, self.machine, plan, tolerance, progress)
+            found = plan_windows(self._program, self.paths, self.machine, plan, tolerance, progress)
             self._planned = max_slowdown, found
         return self._planned[1]
 
@@ -364,6 +369,7 @@ class _PlanSearch:
         """Write a plan, and check it: with no verdict the places are known whose lines no controller would take."""
         original, request, planner = self._original, self._request, self._planner
         self._progress("writing")
+        original.source.let_go()
         declaration = _declaration(original, edits, planner.machine, planner.dialect, request)
         data = apply_edits(original, edits, planner.dialect, declaration)
         original.source.let_go()

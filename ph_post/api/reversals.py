@@ -75,7 +75,7 @@ def program_reversals(found: CompensatedProgram, machine: Machine, tolerance: fl
     changes = None if edits is None or not edits.followed else _changes_of(edits)
     return [
         one
-        for path in paths_of(reckoned_feeds(found.before, machine))
+        for path in (paths_of(reckoned_feeds(found.before, machine)) if found.paths is None else found.paths)
         for one in _of_path(found, path, analyse(path.path, machine, tolerance), done, changes)
     ]
 

@@ -311,7 +311,7 @@ def read_declaration(data: bytes) -> Declaration | None:
     InputError
         Where its header is damaged.
     """
-    head = _HEAD.search(data) if _COMPENSATED in data.lower() else None
+    head = _HEAD.search(data) if _may_be_compensated(data) else None
     if head is None:
         return None
     fields: dict[str, Any] = {
@@ -322,15 +322,24 @@ def read_declaration(data: bytes) -> Declaration | None:
         "commands": (),
         "notes": (),
     }
-    for fact in read_facts(data[head.end() :]):
+    for fact in read_facts(data, head.end()):
         _read_fact(fact, fields)
     if len(str(fields.get("digest", ""))) != _DIGEST:
         raise InputError("", "the head of the compensated program is damaged", expected="original sha256")
     return Declaration(**fields)
 
 
-def read_facts(data: bytes, mark: str = MARK) -> list[str]:
-    r"""Read what the comment lines that data begin with say behind a mark, each with the lines in which it goes on.
+def _may_be_compensated(data: bytes) -> bool:
+    """Return false where the head of a compensated program stands nowhere in a text."""
+    step, more = 1 << 20, len(_COMPENSATED)
+    return any(_COMPENSATED in data[low : low + step + more].lower() for low in range(0, len(data), step))
+
+
+_ROW: Final = re.compile(rb"([^\r\n]*)(?:\r\n|[\r\n]|\Z)")
+
+
+def read_facts(data: bytes, first: int = 0, mark: str = MARK) -> list[str]:
+    r"""Read what the comment lines from byte `first` on say behind a mark, each with the lines in which it goes on.
 
     Examples
     --------
@@ -338,8 +347,8 @@ def read_facts(data: bytes, mark: str = MARK) -> list[str]:
     ['machine the old mill', '2 stops']
     """
     pattern, facts = comment_pattern(rf"{mark}((?!\+).*)"), list[str]()
-    for line in data.splitlines():
-        text = line.strip()
+    for line in _ROW.finditer(data, first):
+        text = line[1].strip()
         if found := pattern.fullmatch(text):
             facts.append(_words(found))
         elif facts and (found := _FURTHER.fullmatch(text)):

@@ -153,17 +153,16 @@ class CrossingGround:
         turning = np.zeros(self.way.shape, dtype=np.bool_)
         arcs = np.flatnonzero(program.motions.kind == ARC)
         turning[arcs[:, None], plane_columns(program.motions.plane[arcs])[:, :2]] = True
-        self.moving = [np.flatnonzero(column) for column in ((self.way != 0.0) | turning).T]
+        self.moving = [np.flatnonzero(column).astype(np.int32) for column in ((self.way != 0.0) | turning).T]
         self.low = low
         self.beam = BeamGuard(program, machine)
         self.contours = CutterContours(program)
-        self.cuts = np.flatnonzero(program.motions.kind != RAPID)
         self.rapids = np.flatnonzero(program.motions.kind == RAPID)
         self.region = _regions(program, self.halts)
         begins = np.flatnonzero(np.diff(self.region, prepend=-2) != 0)
         self.region_low = self.along[begins]
         self.region_high = self.along[np.append(begins[1:], self.region.size)]
-        self.region_number = np.cumsum(np.diff(self.region, prepend=-2) != 0) - 1
+        self.region_number = np.cumsum(np.diff(self.region, prepend=-2) != 0, dtype=np.int32) - np.int32(1)
         self.divisible = self._may_divide()
         self.shapes = {name: self._shape(machine.axes[name]) for name in sides}
         axes = machine.axes
@@ -192,7 +191,7 @@ class CrossingGround:
     def _speeds_kept(self) -> Array:
         """Speeds of arcs not to be passed faster in parts [m/s], (m,): motors that lag would leave the path."""
         motions = self.program.motions
-        nothing = np.full(motions.kind.size, math.inf)
+        nothing = np.broadcast_to(math.inf, motions.kind.shape)
         lags = any(response_time(self.machine.axes[name].servo) >= SHORT_LAG for name in self.sides)
         if isinstance(self.planner, ExactPath) or not lags:
             return nothing
@@ -241,7 +240,8 @@ class CrossingGround:
     def moves(self, column: int, low: int, high: int) -> IntArray:
         """Return which motions from `low` to before `high` move an axis."""
         moving = self.moving[column]
-        return moving[np.searchsorted(moving, low) : np.searchsorted(moving, high)]
+        first, last = np.searchsorted(moving, np.array([low, high], dtype=moving.dtype))
+        return moving[first:last].astype(np.int64)
 
     def offset(self, column: int, sign: int) -> float:
         """Return the offset [m] of an axis that moves in a direction; 0 for none."""
@@ -272,12 +272,12 @@ class CrossingGround:
     def _next_move(self, motion: int, column: int, sign: float) -> int | None:
         """Return the first straight motion, from one on, that moves an axis through its backlash, before any cut."""
         moving = self.moving[column]
-        place = int(np.searchsorted(moving, motion))
+        place = int(np.searchsorted(moving, np.int32(motion)))
         if place == moving.size:
             return None
         own = int(moving[place])
-        cut = int(np.searchsorted(self.cuts, motion))
-        if (cut < self.cuts.size and self.cuts[cut] < own) or self.program.motions.kind[own] not in (RAPID, LINE):
+        kind = self.program.motions.kind
+        if (kind[motion:own] != RAPID).any() or kind[own] not in (RAPID, LINE):
             return None
         lost = self.machine.axes[AXES[column]].gap.lost_motion
         return own if self.way[own, column] * sign >= APPROACH * lost else None
@@ -298,14 +298,14 @@ def _regions(program: PartProgram, halts: BoolArray) -> IntArray:
     A stretch ends where the axes stop, as behind a motion that `halts`, where modes change, and at commands of the
     machine.
     """
-    motions, words = program.motions, program.words
+    motions, words = program.motions, program.commands
     count = motions.kind.size
     keys: dict[object, int] = {}
     key = np.array(
         [keys.setdefault(replace(one, motion=None, tool=None, prepared=None), len(keys)) for one in program.modal],
-        dtype=np.int64,
+        dtype=np.int32,
     )
-    own = key[program.state[motions.block]] if count else np.zeros(0, dtype=np.int64)
+    own = key[program.state[motions.block]] if count else np.zeros(0, dtype=np.int32)
     stop = np.zeros(count + 1, dtype=np.bool_)
     stop[1:count] |= own[1:] != own[:-1]
     stop[1:count] |= motions.chain[1:] != motions.chain[:-1]
@@ -323,4 +323,4 @@ def _regions(program: PartProgram, halts: BoolArray) -> IntArray:
     known &= ~(np.isnan(motions.start) & ~np.isnan(motions.end)).any(axis=1)
     stop[1:count] |= known[1:] != known[:-1]
     stop[1:count] |= halts[:-1]
-    return np.asarray(np.where(known, np.cumsum(stop[:count]), -1))
+    return np.asarray(np.where(known, np.cumsum(stop[:count], dtype=np.int32), np.int32(-1)))

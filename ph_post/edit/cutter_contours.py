@@ -108,7 +108,7 @@ class CutterContours:
     def __init__(self, program: PartProgram) -> None:
         self._program = program
         motions = program.motions
-        sides = np.array([_side(modal.compensation) for modal in program.modal], dtype=np.int64)
+        sides = np.array([_side(modal.compensation) for modal in program.modal], dtype=np.int8)
         side = sides[program.state[motions.block]]
         ends = np.flatnonzero(np.diff(side, prepend=0, append=0) != 0)
         self.contours = tuple(
@@ -116,7 +116,7 @@ class CutterContours:
             for low, high in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)
             if side[low] != 0
         )
-        self.number = np.full(motions.kind.size, -1, dtype=np.int64)
+        self.number = np.full(motions.kind.size, -1, dtype=np.int32)
         for n, one in enumerate(self.contours):
             self.number[one.first : one.last + 1] = n
 

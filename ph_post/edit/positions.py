@@ -20,8 +20,12 @@ NOTHING: Final = 1e-12
 
 def moves(motions: Motions) -> BoolArray:
     """Mask (m, 3) of the axes that motions move, also from where it is not known."""
+    found = np.empty(motions.end.shape, dtype=np.bool_)
     turned = np.abs(np.nan_to_num(motions.angle)) > 0.0
-    return np.asarray(np.isfinite(motions.end) & ~(np.abs(motions.end - motions.start) <= NOTHING) | turned[:, None])
+    for axis in range(len(AXES)):  # one by one: there may be a million motions
+        start, end = motions.start[:, axis], motions.end[:, axis]
+        found[:, axis] = np.isfinite(end) & ~(np.abs(end - start) <= NOTHING) | turned
+    return found
 
 
 def resting_places(motions: Motions, column: int) -> list[tuple[int, int]]:
@@ -172,13 +176,14 @@ def shiftable(program: PartProgram) -> BoolArray:
 
     In some languages an increment has none.
     """
-    words, motions = program.words, program.motions
-    owner = np.full(program.blocks, -1, dtype=np.int64)
+    motions = program.motions
+    owner = np.full(program.blocks, -1, dtype=np.int32)
     owner[motions.block] = np.arange(motions.block.size)
     found = np.zeros((motions.block.size, 3), dtype=np.bool_)
-    for column, letter in enumerate(AXES):
-        rows: IntArray = owner[words.block[(words.letter == ord(letter)) & (words.decimals >= 0)]]
-        found[rows[rows >= 0], column] = True
+    for words in program.word_parts():
+        for column, letter in enumerate(AXES):
+            rows = owner[words.block[(words.letter == ord(letter)) & (words.decimals >= 0)]]
+            found[rows[rows >= 0], column] = True
     return found
 
 

@@ -20,8 +20,8 @@ from ph_post.edit.extrusion import filament_of
 from ph_post.edit.lagging_crossings import SHORT_LAG
 from ph_post.edit.reversals import chain_spans
 from ph_post.errors import InputError
-from ph_post.gcode.further import further_lines, further_words
-from ph_post.gcode.motion_parts import split_cubic
+from ph_post.gcode.further import further_lines
+from ph_post.gcode.motion_parts import chord_lengths, split_cubic
 from ph_post.gcode.paths import line_words, without_feed
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, PLANE_AXES, RAPID, PartProgram
 from ph_post.gcode.working import tool_in_words, working_motions
@@ -54,13 +54,16 @@ def _from_nowhere(program: PartProgram) -> BoolArray:
 
     Their places are read as if they began at 0: no word could be written for them.
     """
-    motions, words = program.motions, program.words
+    motions = program.motions
     absolute = np.array([one.absolute for one in program.modal], dtype=np.bool_)[program.state]
     understood = absolute.copy()
     for note in program.notes:
         understood[note.first : note.last + 1] = False
     curved = absolute[motions.block] & np.isin(motions.kind, (ARC, CUBIC))
+    if not curved.any():
+        return np.broadcast_to(False, (motions.block.size, len(AXES)))
     found = np.zeros((motions.block.size, len(AXES)), dtype=np.bool_)
+    words = program.words
     for axis, name in enumerate(AXES):
         own = words.block[words.letter == ord(name)]
         first = own[understood[own]].min(initial=program.blocks)
@@ -150,9 +153,8 @@ _OWN_ON: Final = re.compile(rb"^[ \t]*M425\b(?![^;\r\n]*F0*\.?0*(?:[^.\d]|$))", 
 def cutting_feed(program: PartProgram, times: Array) -> Array:
     """Feed of every motion [m/s], shape (m,); from chord and time [s] in inverse time; NaN where unknown."""
     motions = program.motions
-    way = np.sqrt(np.nansum((motions.end - motions.start) ** 2, axis=1))
     with np.errstate(divide="ignore", invalid="ignore"):
-        timed = np.where(times > 0.0, way / times, 0.0)
+        timed = np.where(times > 0.0, chord_lengths(motions) / times, 0.0)
     return np.where(motions.duration > 0.0, timed, motions.feed)
 
 
@@ -221,12 +223,12 @@ def require_tool(program: PartProgram, machine: Machine) -> None:
     ------
     InputError
     """
-    words = program.words
-    if program.language.read is None and program.language.hide is None:
-        moves = words.block[(words.letter == ord("G")) & np.isin(words.value, (0.0, 1.0, 2.0, 3.0))]
-        others = words.block[words.letter == ord("M")]
-        extrudes = words.block[(words.letter == ord("E")) & np.isin(words.block, moves)]
-        extrudes = extrudes[~np.isin(extrudes, others)]
+    words = program.commands
+    pushed = words.block[words.letter == ord("E")]
+    if pushed.size and program.language.read is None and program.language.hide is None:
+        others, every = words.block[words.letter == ord("M")], program.words
+        moves = every.block[(every.letter == ord("G")) & np.isin(every.value, (0.0, 1.0, 2.0, 3.0))]
+        extrudes = pushed[np.isin(pushed, moves) & ~np.isin(pushed, others)]
         if extrudes.size:
             raise InputError(
                 f"{program.name}:{extrudes[0] + 1}",
@@ -251,12 +253,13 @@ def why_not_editable(program: PartProgram) -> list[str]:
     troubles = []
     if _checksummed(program):
         troubles.append("its lines carry checksums, so no line can be added")
-    words, moving = program.words, program.motions.block
+    words, moving = program.commands, program.motions.block
     if moving.size and moving[0] == 0 and program.data.startswith(codecs.BOM_UTF8):
         troubles.append("its first line moves, behind a byte order mark, so that there is no room for a head")
     turned = (words.letter == ord("G")) & (words.value == 10.0) & (words.decimals == 0)
     for block in words.block[turned].tolist():
-        own = {chr(words.letter[word]): float(words.value[word]) for word in program.words_of(block)}
+        rows = words.rows(block, block + 1)
+        own = dict(zip(map(chr, words.letter[rows]), words.value[rows].tolist(), strict=True))
         # With other L words G10 sets tools (R is a radius then) and parameters; a computed L may be any.
         systems = math.isnan(own.get("L", math.nan)) or own["L"] in _WORK_SYSTEMS
         if systems and own.get("R", 0.0) != 0.0:
@@ -270,15 +273,14 @@ def why_not_editable(program: PartProgram) -> list[str]:
 
 def program_units(program: PartProgram) -> list[float]:
     """Units [m] in which a program moves, linear axes beside X, Y and Z too."""
-    words, further = program.words, further_words(program)
-    linear = further[~np.isin(words.letter[further], [ord(name) for name in ROTARY_AXES])]
-    used = np.unique(program.state[np.append(program.motions.block, words.block[linear])])
+    words, letters = program.commands, [ord(name) for name in program.language.further if name not in ROTARY_AXES]
+    used = np.unique(program.state[np.append(program.motions.block, words.block[np.isin(words.letter, letters)])])
     return sorted({program.modal[number].units for number in used.tolist()})
 
 
 def double_compensation(program: PartProgram, dialect: Dialect, machine: Machine) -> list[str]:
     """Return warnings of a controller that compensates the backlash too."""
-    words = program.words
+    words = program.commands
     found = words.block[(words.letter == ord("M")) & (words.value == 425.0)]
     twice = "the backlash would be compensated twice"
     said = []
@@ -317,10 +319,10 @@ def _checksummed(program: PartProgram) -> bool:
 
 def _continued(program: PartProgram) -> BoolArray:
     """G5 blocks without I and J, which a split of the G5 before them would change."""
-    motions, words = program.motions, program.words
+    motions = program.motions
     marks = np.zeros(motions.kind.size, dtype=np.bool_)
     for motion in np.flatnonzero(motions.kind == CUBIC).tolist():
-        letters = {int(words.letter[word]) for word in program.words_of(int(motions.block[motion]))}
+        letters = {int(program.words.letter[word]) for word in program.words_of(int(motions.block[motion]))}
         marks[motion] = not letters & {ord("I"), ord("J")}
     return marks
 
@@ -343,11 +345,12 @@ def warn_climbing(program: PartProgram) -> list[str]:
 
 def warn_unknown(program: PartProgram, axes: Iterable[str]) -> list[str]:
     """Return warnings of axes that move from unknown places, as under G91 from the machine's first position."""
-    words, motions = program.words, program.motions
-    warnings = []
+    motions, warnings = program.motions, []
     for name in axes:
-        named = np.isin(motions.block, words.block[words.letter == ord(name)])
-        lost = motions.block[named & np.isnan(motions.end[:, AXES.index(name)])]
+        lost = motions.block[np.isnan(motions.end[:, AXES.index(name)])]
+        if lost.size:
+            words = program.words
+            lost = lost[np.isin(lost, words.block[words.letter == ord(name)])]
         if lost.size:
             warnings.append(
                 f"axis {name} not compensated at {lost.size} motions, the first in line"

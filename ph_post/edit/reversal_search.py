@@ -28,7 +28,6 @@ from ph_post.edit.reversals import (
     SIGN,
     chain_spans,
     find_reversals,
-    motion_view,
     section_spans,
 )
 from ph_post.gcode.motion_parts import places_along
@@ -44,12 +43,12 @@ def motion_times(program: PartProgram, machine: Machine) -> Array:
     """Time of every motion at its feed [s], shape (m,), ramps and corners left out."""
     motions = program.motions
     with np.errstate(invalid="ignore", divide="ignore"):
-        way = np.nan_to_num(np.abs(motions.end - motions.start))
         length = np.diff(places_along(motions))
         rapid = np.zeros(length.size)
         for column, name in enumerate(AXES):
             if name in machine.axes:
-                rapid = np.maximum(rapid, way[:, column] / machine.axes[name].limits.velocity)
+                way = np.nan_to_num(np.abs(motions.end[:, column] - motions.start[:, column]))
+                rapid = np.maximum(rapid, way / machine.axes[name].limits.velocity)
         cut = np.where(motions.duration > 0.0, motions.duration, length / motions.feed)
         return np.nan_to_num(np.where(motions.kind == RAPID, rapid, cut), posinf=0.0)
 
@@ -104,7 +103,6 @@ class ReversalSearch:
         for begin, end in left:
             opened &= (self.low < begin) | (self.low >= end)
         self.open = {name: opened.copy() for name in amplitude}
-        self._view = motion_view(program.motions)
         self._feed = np.nan_to_num(cutting_feed(program, self.times))
         if slow is not None:
             self._feed = np.minimum(self._feed, slow)
@@ -158,10 +156,11 @@ class ReversalSearch:
     def _one(self, name: str, band: float) -> Array:
         axis, (section, low, high, end) = AXES.index(name), self._spans(name)
         # A rapid whose number cannot take a change is no place for one.
-        kind = self._view[0].copy()
+        view = self.crossings.ground.view
+        kind = view[0].copy()
         kind[(kind == RAPID) & ~self._carries(axis)] = LINE
         rows = find_reversals(
-            (kind, *self._view[1:]),
+            (kind, *view[1:]),
             axis,
             self._feed,
             self.program.motions.exact,

@@ -29,7 +29,6 @@ from ph_post.edit.word_shifts import (
     shifted_words,
 )
 from ph_post.errors import InputError
-from ph_post.gcode.further import further_words
 from ph_post.gcode.lexer import split_lines
 from ph_post.gcode.program import ByteArray, PartProgram
 from ph_post.gcode.working import working_motions
@@ -176,7 +175,9 @@ def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
     if declaration.closing:
         label = "own compensation"
         changes.append(Change(block=program.blocks, removed=0, lines=[declaration.closing], label=[label]))
-    return _with_payload(program, *_assemble_text(program, numbers, changes, dialect, declaration), dialect)
+    body, payload = _assemble_text(program, numbers, changes, dialect, declaration)
+    program.source.let_go()
+    return _with_payload(program, body, payload, dialect)
 
 
 def _restores(text: bytes, program: PartProgram) -> bool:
@@ -368,7 +369,8 @@ def declare(
     count, stops = stops_written(tasks, program.motions)
     asked = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
     held = (CUT if working_motions(program, machine.tool).tool == "cutter" else HELD,) if edits.amplitude else ()
-    rotary = np.isin(program.words.letter[further_words(program)], [ord(letter) for letter in ROTARY_AXES])
+    own = set(program.language.further) & set(ROTARY_AXES)
+    rotary = np.isin(program.commands.letter, [ord(letter) for letter in own])
     turning = (FIXED,) if rotary.any() else ()
     pauses = [dialect.syntax.dwell.written(pause, dialect.numbers.feed_digits) for pause in asked if pause > 0.0]
     return Declaration(

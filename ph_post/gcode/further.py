@@ -66,7 +66,10 @@ def unit_of(letter: str, units: float) -> float:
 @lru_cache(maxsize=4)
 def further_words(program: PartProgram) -> IntArray:
     """Return the numbers of the words of the axes beside X, Y and Z that a program's language has."""
-    return np.flatnonzero(np.isin(program.words.letter, [ord(letter) for letter in program.language.further]))
+    letters = [ord(letter) for letter in program.language.further]
+    if not np.isin(program.commands.letter, letters).any():
+        return np.zeros(0, dtype=np.int64)
+    return np.flatnonzero(np.isin(program.words.letter, letters))
 
 
 @lru_cache(maxsize=4)

@@ -88,13 +88,22 @@ def arc_lengths(motions: Motions, arcs: IntArray) -> Array:
     return np.asarray(np.hypot(swept, np.nan_to_num(rise)))
 
 
+def chord_lengths(motions: Motions) -> Array:
+    """Return the distances of the ends of all motions from their starts [m], shape (m,); an unknown way counts as 0."""
+    square = np.zeros(motions.kind.size)
+    for axis in range(3):  # one by one: there may be a million motions
+        way = np.nan_to_num(motions.end[:, axis] - motions.start[:, axis])
+        way *= way
+        square += way
+    return np.sqrt(square, out=square)
+
+
 def places_along(motions: Motions) -> Array:
     """Return where the motions begin along the program, and where the last one ends [m], shape (m + 1,).
 
     Within a motion places go by its share; a cubic counts with the length of its polygon.
     """
-    way = np.nan_to_num(motions.end - motions.start)
-    length = np.sqrt((way * way).sum(axis=1))
+    length = chord_lengths(motions)
     arcs = np.flatnonzero(motions.kind == ARC)
     length[arcs] = arc_lengths(motions, arcs)
     for k, control in motions.control.items():

@@ -7,7 +7,7 @@ says in which respects a controller's language differs from RS274/NGC, or names 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, Final, Literal, Protocol
 
@@ -16,6 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from ph_post.bounds import give_memory_back
 from ph_post.gcode import codes
 from ph_post.types import Array, BoolArray, IntArray, sealed
 
@@ -255,10 +256,38 @@ class WordTable(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         columns = {name: sealed(getattr(self, name)) for name in self.__struct_fields__ if name != "long"}
         return msgspec.structs.replace(self, **columns)
 
+    def joined(self, other: WordTable) -> WordTable:
+        """Return the table with the words of another behind its own."""
+        if not other.block.size:
+            return self
+        names = [name for name in self.__struct_fields__ if name != "long"]
+        columns = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
+        more = {self.block.size + row: digits for row, digits in other.long.items()}
+        return WordTable(**columns, long={**self.long, **more})
+
     def rows(self, first: int, last: int) -> slice:
         """Return the rows of the words of the lines from `first` to before `last`."""
         low, high = np.searchsorted(self.block, np.array([first, last], dtype=self.block.dtype))
         return slice(int(low), int(high))
+
+
+_PLAIN: Final = np.isin(np.arange(256), np.frombuffer(b"XYZIJKRFN", np.uint8))
+"""Letters of words that place and feed motions, or number lines."""
+
+_MOTION_MODES: Final = (0.0, 1.0, 2.0, 3.0)
+
+
+def _commands(words: WordTable) -> WordTable:
+    """Return the words of :attr:`WordSource.commands`."""
+    code = words.letter == ord("G")
+    more = ~(_PLAIN[words.letter] | (code & np.isin(words.value, _MOTION_MODES)))
+    switched = np.zeros(int(words.block[-1]) + 1 if words.block.size else 0, dtype=np.bool_)
+    switched[words.block[more & (code | (words.letter == ord("M")))]] = True
+    return words.take(np.flatnonzero(more | switched[words.block]))
+
+
+_PART: Final = 20_000
+"""Lines of which the words are held where a program is looked through."""
 
 
 class WordSource:
@@ -270,24 +299,37 @@ class WordSource:
     ----------
     words : WordTable
     read : callable or None
-        ``read()``: the same words once more; None where they are kept as long as the program.
+        ``read(first, last)``: the same words once more, those of the lines from `first` to before `last`, or to the end
+        where that is None; None where they are kept as long as the program.
     """
 
-    def __init__(self, words: WordTable, read: Callable[[], WordTable] | None = None) -> None:
+    def __init__(self, words: WordTable, read: Callable[[int, int | None], WordTable] | None = None) -> None:
         self._words: WordTable | None = words
         self._read = read
+        self.commands = _commands(words)
+        """All words but X, Y, Z, I, J, K, R, F, N and G0 to G3, and of lines with another G word or an M word all
+        words. They are kept: of most programs they are few."""
 
     def get(self) -> WordTable:
         """Return the words, read again where they were let go."""
         if self._words is None:
             assert self._read is not None
-            self._words = self._read()
+            self._words = self._read(0, None)
         return self._words
 
+    def part(self, first: int, last: int) -> WordTable:
+        """Return the words of the lines from `first` to before `last`, which are not kept for another time."""
+        if self._words is None:
+            assert self._read is not None
+            return self._read(first, last)
+        rows = self._words.rows(first, last)
+        return self._words.take(np.arange(rows.start, rows.stop))
+
     def let_go(self) -> None:
-        """Keep the words no longer, if they can be read again."""
+        """Keep the words no longer, if they can be read again, and give back what the work so far has left."""
         if self._read is not None:
             self._words = None
+            give_memory_back()
 
 
 class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -414,6 +456,16 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return self.source.get()
 
     @property
+    def commands(self) -> WordTable:
+        """The words that do more than move; see :attr:`WordSource.commands`."""
+        return self.source.commands
+
+    def word_parts(self) -> Iterator[WordTable]:
+        """Yield all words, those of some lines at a time, and keep none."""
+        for low in range(0, self.blocks, _PART):
+            yield self.source.part(low, min(low + _PART, self.blocks))
+
+    @property
     def blocks(self) -> int:
         """Number of lines."""
         return self.lines.size - 1
@@ -442,7 +494,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         `words` may stand for all words where they have those of these lines.
         """
         last = self.blocks if last is None else last
-        words = self.words if words is None else words
+        words = self.commands if words is None else words
         rows = words.rows(first, last)
         block, letter, value = words.block[rows], words.letter[rows], words.value[rows]
         seconds = np.full(last - first, np.nan)
@@ -472,6 +524,9 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return range(*span_of(self.words.block, block))
 
 
+_WORDS: Final = 1 << 16
+"""Words that are worked on at a time."""
+
 _EXACT: Final = 2.0**50
 """Whole numbers below this come back from a number with decimals."""
 
@@ -484,15 +539,26 @@ def whole_numbers(value: Array, decimals: NDArray[np.int16]) -> IntArray:
     >>> whole_numbers(np.array([1.005, -2.0, 12345678901234567.0]), np.array([3, 1, 0])).tolist()
     [1005, -20, 0]
     """
+    found = np.empty(value.shape, dtype=np.int64)
     with np.errstate(all="ignore"):
-        whole = np.rint(value * 10.0**decimals)
-        return np.where(np.abs(whole) < _EXACT, whole, 0.0).astype(np.int64)
+        for part in _slices(value.size):
+            whole = np.rint(value[part] * 10.0 ** decimals[part])
+            found[part] = np.where(np.abs(whole) < _EXACT, whole, 0.0)
+    return found
 
 
 def long_numbers(value: Array, decimals: NDArray[np.int16] | IntArray) -> IntArray:
     """Return the rows of plain numbers (decimals of 0 and more) of which doubles do not have all digits."""
+    found = decimals >= 0
     with np.errstate(all="ignore"):
-        return np.flatnonzero((decimals >= 0) & ~(np.abs(value * 10.0**decimals) < _EXACT))
+        for part in _slices(value.size):
+            found[part] &= ~(np.abs(value[part] * 10.0 ** decimals[part]) < _EXACT)
+    return np.flatnonzero(found)
+
+
+def _slices(size: int) -> Iterator[slice]:
+    """Cut rows into parts: what is worked out of a million words needs no room for all of them."""
+    return (slice(low, low + _WORDS) for low in range(0, size, _WORDS))
 
 
 def span_of(blocks: PlaceArray, block: int) -> tuple[int, int]:

@@ -276,7 +276,7 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
         data=data,
         digest=hashlib.sha256(data).hexdigest(),
         lines=lines,
-        source=WordSource(lexed.words, partial(_words_again, data, lines, language)),
+        source=WordSource(lexed.words, partial(_words_again, data, lines, language, lexed.end)),
         motions=msgspec.structs.replace(motions, chain=chain),
         modal=tuple(make_modal(row) for row in blocks.table),
         state=blocks.states,
@@ -300,8 +300,26 @@ def _lexed(plain: bytes, lines: PlaceArray, language: Language) -> Lexed:
     return msgspec.structs.replace(lexed, words=language.lengths(lexed.words, plain))
 
 
-def _words_again(data: bytes, lines: PlaceArray, language: Language) -> WordTable:
-    return _lexed(language.hidden(data), lines, language).words
+def _words_again(
+    data: bytes, lines: PlaceArray, language: Language, end: int, first: int, last: int | None
+) -> WordTable:
+    """Read the words of some lines once more, or all where `last` is None; behind line `end` there are none."""
+    if last is None:
+        return _lexed(language.hidden(data), lines, language).words
+    if language.lengths is not None:
+        # Lines before them may decide what their numbers mean.
+        words = _words_again(data, lines, language, end, 0, None)
+        rows = words.rows(first, last)
+        return words.take(np.arange(rows.start, rows.stop))
+    last = max(min(last, end), first)
+    # With a byte before them, so that they are not taken for the beginning of a file.
+    base = max(int(lines[first]) - 1, 0)
+    own = lines[first : last + 1] - np.int32(base)
+    words = read_words(language.hidden(data[base : int(lines[last])]), own).words
+    place = np.int32(base)
+    return msgspec.structs.replace(
+        words, block=words.block + np.int32(first), start=words.start + place, end=words.end + place
+    )
 
 
 def with_contours(program: PartProgram) -> PartProgram:

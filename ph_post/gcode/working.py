@@ -49,7 +49,7 @@ def tool_in_words(program: PartProgram) -> tuple[Tool, int] | None:
     blocks = _extruding(program)
     if blocks.size:
         return "extruder", int(blocks[0])
-    motions, words = program.motions, program.words
+    motions, words = program.motions, program.commands
     cuts = motions.kind != RAPID
     if not cuts.any() or np.any(motions.end[cuts, 2] != motions.start[cuts, 2], where=_known(program)[cuts]):
         return None

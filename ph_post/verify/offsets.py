@@ -243,7 +243,9 @@ def check_amounts(case: VerifyCase, pairing: Pairing) -> None:
     for axis in range(3):
         offset, pulse = sizes.get(axis, (0.0, 0.0))
         carried = pairing.after[:, axis]
-        off = np.min([np.abs(carried - value) for value in (0.0, *sides.get(axis, ()))], axis=0) > EXACT
+        off = np.abs(carried) > EXACT
+        for value in sides.get(axis, ()):
+            off &= np.abs(carried - value) > EXACT
         beyond = np.abs(carried) > max(offset, pulse) + EXACT
         wrong[:, axis] = np.where(~pairing.jog | last, off, beyond | (off & (pulse == 0.0)))
         wrong[before[:, axis] & (np.abs(carried) <= pulse + offset + EXACT), axis] = False
@@ -274,12 +276,11 @@ def check_approaches(case: VerifyCase, pairing: Pairing) -> None:
     moves of an axis, one behind the other, the last counts.
     """
     motions, sides = case.compensated.motions, declared_sides(case.declared)
-    ways = np.abs(np.nan_to_num(motions.end - motions.start))
-    axes = ways.argmax(axis=1)
-    goes_on = np.append(pairing.approach[1:] & (axes[1:] == axes[:-1]), False)
-    for motion in np.flatnonzero(pairing.approach).tolist():
-        way = np.nan_to_num(motions.end[motion] - motions.start[motion])
-        axis = int(np.argmax(np.abs(way)))
+    approaches = np.flatnonzero(pairing.approach)
+    ways = np.nan_to_num(motions.end[approaches] - motions.start[approaches])
+    axes = np.abs(ways).argmax(axis=1)
+    goes_on = np.append((np.diff(approaches) == 1) & (np.diff(axes) == 0), False)[: axes.size]
+    for motion, way, axis, more in zip(approaches.tolist(), ways, axes.tolist(), goes_on.tolist(), strict=True):
         low, high = sides[axis]
         left = pairing.after[motion, axis]
         side = 1.0 if abs(left - high) <= EXACT else -1.0 if abs(left - low) <= EXACT else 0.0
@@ -287,7 +288,7 @@ def check_approaches(case: VerifyCase, pairing: Pairing) -> None:
         taken = min(abs(left - way[axis] - value) for value in (low, 0.0, high)) <= EXACT
         if abs(left) <= EXACT and taken:
             continue
-        if way[axis] * side < high - low - EXACT and not goes_on[motion]:
+        if way[axis] * side < high - low - EXACT and not more:
             case.findings.add(
                 "pulse",
                 f"the approach of {AXES[axis]} does not take up its backlash",

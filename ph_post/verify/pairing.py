@@ -71,7 +71,7 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
     named = np.append(case.lines.changes.crossed, False)
     crossed = named[new_change] & (other.kind != RAPID) & ~approach & ~_first_of_all(other, new_change, jog)
     last_old, last_new, alone, closing = _crossed_ends(one, other, old_change, new_change, crossed, approach)
-    ends = np.append(old.astype(np.int64), last_old), np.append(new.astype(np.int64), last_new)
+    ends = np.append(old, last_old.astype(old.dtype)), np.append(new, last_new.astype(new.dtype))
     before, after = _follow_shifts(one, other, ends, (jog & ~crossed) | alone, new)
     case.findings.count("motions", other.block.size)
     case.findings.count("jogs", int(jog.sum()))
@@ -98,8 +98,6 @@ def _rapid_approaches(case: VerifyCase, old_change: PlaceArray, new_change: Plac
     found = np.zeros(other.kind.size, dtype=bool)
     inside = np.flatnonzero((other.kind == RAPID) & (new_change != NO_CHANGE))
     had = dict(zip(*np.unique(old_change[one.kind == RAPID], return_counts=True), strict=True))
-    # What is not known, and stays so, does not move.
-    way = np.where(np.isnan(other.end), 0.0, np.nan_to_num(np.abs(other.end - other.start), nan=np.inf))
     for change in np.unique(new_change[inside]).tolist():
         own = inside[new_change[inside] == change]
         own_found = [
@@ -108,15 +106,17 @@ def _rapid_approaches(case: VerifyCase, old_change: PlaceArray, new_change: Plac
             if motion > 0
             and other.kind[motion - 1] == RAPID
             and new_change[motion - 1] == change
-            and _takes_up(case, way[motion])
+            and _takes_up(case, other.start[motion], other.end[motion])
         ]
         if len(own_found) == own.size - int(had.get(change, 0)):
             found[own_found] = True
     return found
 
 
-def _takes_up(case: VerifyCase, way: Array) -> bool:
-    """Return whether a way (3,) [m] is that of one declared axis, by no more than an approach takes."""
+def _takes_up(case: VerifyCase, start: Array, end: Array) -> bool:
+    """Return whether a move (3,) [m] is that of one declared axis, by no more than an approach takes."""
+    # What is not known, and stays so, does not move.
+    way = np.where(np.isnan(end), 0.0, np.nan_to_num(np.abs(end - start), nan=np.inf))
     axis = int(np.argmax(way))
     offset, pulse = declared_lengths(case.declared).get(axis, (0.0, 0.0))
     return bool(np.count_nonzero(way > EXACT) == 1 and way[axis] <= 2.0 * offset + pulse + EXACT)
@@ -305,7 +305,7 @@ def dwell_beside(
 
 
 def _follow_shifts(
-    one: Motions, other: Motions, ends: tuple[IntArray, IntArray], jog: BoolArray, paired: PlaceArray
+    one: Motions, other: Motions, ends: tuple[PlaceArray, PlaceArray], jog: BoolArray, paired: PlaceArray
 ) -> tuple[Array, Array]:
     """Shifts at the start and end of each motion: where ends stand for each other their difference, else the jogs.
 
@@ -327,7 +327,7 @@ def _follow_shifts(
 
 
 def _shift_of(
-    old_end: Array, start: Array, end: Array, pairs: tuple[IntArray, IntArray, PlaceArray], jog: BoolArray
+    old_end: Array, start: Array, end: Array, pairs: tuple[PlaceArray, PlaceArray, PlaceArray], jog: BoolArray
 ) -> Array:
     """Shift of an axis before the first motion and after each, (k + 1,): the latest pair's, and jogs."""
     old, new, latest = pairs
@@ -354,11 +354,12 @@ def crossing_axes(case: VerifyCase, pairing: Pairing) -> BoolArray:
         for axis, _ in names or ():
             found[change, [AXES.index(axis)] if axis else declared] = True
     motions = case.compensated.motions
-    moved = np.abs(pairing.after - pairing.before) > EXACT
-    jogged = np.flatnonzero(pairing.jog & pairing.crossed)
-    moved[jogged] |= np.nan_to_num(np.abs(motions.end[jogged] - motions.start[jogged])) > EXACT
-    motion, column = np.nonzero(moved & pairing.crossed[:, None])
-    found[pairing.new_change[motion], column] = True
+    crossed = np.flatnonzero(pairing.crossed)
+    moved = np.abs(pairing.after[crossed] - pairing.before[crossed]) > EXACT
+    way = np.nan_to_num(np.abs(motions.end[crossed] - motions.start[crossed]))
+    moved |= (way > EXACT) & pairing.jog[crossed, None]
+    row, column = np.nonzero(moved)
+    found[pairing.new_change[crossed[row]], column] = True
     found[:, [n for n in range(len(AXES)) if n not in declared]] = False
     return found
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ph_post.gcode.codes import takes_axes
 from ph_post.gcode.numbers import COMMENT
-from ph_post.gcode.program import Modal, PartProgram, PlaceArray, expand, runs
+from ph_post.gcode.program import Modal, PartProgram, PlaceArray, WordTable, expand, runs
 from ph_post.types import Array, IntArray
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
 from ph_post.verify.verdict import quoted
@@ -36,32 +36,28 @@ class Dwells(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     duration: Array
 
 
-def find_dwells(program: PartProgram) -> Dwells:
-    """All G4 of a program."""
-    block, duration = program.dwells()
-    return Dwells(block=block, duration=duration)
+def check_commands(case: VerifyCase, words: tuple[WordTable, WordTable]) -> None:
+    """Check that changes keep the commands and comments of the lines they replace, in the same order.
 
-
-def check_commands(case: VerifyCase) -> None:
-    """Check that changes keep the commands and comments of the lines they replace, in the same order."""
-    old = _commands(case.original, case.lines.old_change)
-    new = _commands(case.compensated, case.lines.new_change)
+    `words` are those of both programs that :func:`~ph_post.verify.text.check_text` returns.
+    """
+    old, new = _commands(words[0], case.lines.old_change), _commands(words[1], case.lines.new_change)
     case.findings.count("commands in changes", old.shape[1])
     if not np.array_equal(old, new):
         _report_commands(case, old, new)
-    _check_motion_words(case)
+    _check_motion_words(case, words)
     for change in np.flatnonzero(case.lines.changes.old_last > case.lines.changes.old_first).tolist():
         _check_remarks(case, change)
 
 
-def _check_motion_words(case: VerifyCase) -> None:
+def _check_motion_words(case: VerifyCase, words: tuple[WordTable, WordTable]) -> None:
     """Demand that no change puts a motion word beside a word that takes the axis words of its line for itself.
 
     On such a line as ``G68 X0 Y0 R30`` the axis words would then be a motion.
     """
     changes = case.lines.changes
-    found = _axis_takers(case.compensated, expand(changes.new_first, changes.new_last)[0])
-    known = _axis_takers(case.original, expand(changes.old_first, changes.old_last)[0]).values() if found else ()
+    found = _axis_takers(words[1], expand(changes.new_first, changes.new_last)[0])
+    known = _axis_takers(words[0], expand(changes.old_first, changes.old_last)[0]).values() if found else ()
     for line, own in found.items():
         if any(value in _MOTIONS for value in own) and own not in known:
             text = quoted(case.compensated.text(line).strip())
@@ -69,22 +65,18 @@ def _check_motion_words(case: VerifyCase) -> None:
             case.findings.add("command", what, compensated=line, got=text)
 
 
-def _axis_takers(program: PartProgram, lines: IntArray) -> dict[int, list[float]]:
+def _axis_takers(words: WordTable, lines: IntArray) -> dict[int, list[float]]:
     """Return the G words of those of some lines that have one which takes the axis words, by line."""
-    words = program.words
     codes = words.letter == _G
     takes = {value: takes_axes(value) for value in np.unique(words.value[codes]).tolist()}
     which = np.flatnonzero(codes & np.isin(words.value, [value for value, own in takes.items() if own]))
     blocks = np.intersect1d(words.block[which], lines).tolist()
-    return {
-        block: sorted(float(words.value[w]) for w in program.words_of(block) if words.letter[w] == _G)
-        for block in blocks
-    }
+    rows = {block: words.rows(block, block + 1) for block in blocks}
+    return {block: sorted(words.value[own][words.letter[own] == _G].tolist()) for block, own in rows.items()}
 
 
-def _commands(program: PartProgram, change: PlaceArray) -> Array:
+def _commands(words: WordTable, change: PlaceArray) -> Array:
     """Change, letter and value of the words that are neither geometry nor free, shape (3, n)."""
-    words = program.words
     free = (words.letter == _G) & np.isin(words.value, _FREE)
     own = (change[words.block] != NO_CHANGE) & ~np.isin(words.letter, _GEOMETRY) & ~free
     value = np.nan_to_num(words.value[own], nan=np.finfo(float).max)
@@ -143,11 +135,17 @@ def _deleted(text: bytes) -> bool:
     return b"/" in text and any(line.lstrip().startswith(b"/") for line in text.splitlines())
 
 
-def check_dwells(case: VerifyCase) -> Dwells:
-    """Demand the declared time of dwells in changes that are not the replaced lines'; return those."""
-    new, change_of = find_dwells(case.compensated), case.lines.new_change
+def check_dwells(case: VerifyCase, words: tuple[WordTable, WordTable]) -> Dwells:
+    """Demand the declared time of dwells in changes that are not the replaced lines'; return those.
+
+    `words` are those of both programs that :func:`~ph_post.verify.text.check_text` returns.
+    """
+    sides = zip((case.original, case.compensated), words, strict=True)
+    (before, times), (block, duration) = (program.dwells(words=own) for program, own in sides)
+    old, new = Dwells(block=before, duration=times), Dwells(block=block, duration=duration)
+    change_of = case.lines.new_change
     added = change_of[new.block] != NO_CHANGE
-    for change, seconds in _replaced_dwells(case):
+    for change, seconds in _replaced_dwells(case, old):
         own = added & (change_of[new.block] == change) & (np.abs(new.duration - seconds) <= _ALIKE)
         if own.any():
             added[np.argmax(own)] = False
@@ -190,9 +188,8 @@ def _check_times(case: VerifyCase, dwells: Dwells) -> None:
         )
 
 
-def _replaced_dwells(case: VerifyCase) -> list[tuple[int, float]]:
-    """Change and time [s] of the dwells of replaced lines."""
-    old = find_dwells(case.original)
+def _replaced_dwells(case: VerifyCase, old: Dwells) -> list[tuple[int, float]]:
+    """Change and time [s] of the dwells of replaced lines, of all in the original."""
     change = case.lines.old_change[old.block]
     return list(zip(change[change != NO_CHANGE].tolist(), old.duration[change != NO_CHANGE].tolist(), strict=True))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from decimal import Decimal
+from functools import reduce
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -22,7 +23,7 @@ from ph_post.gcode.program import (
 from ph_post.types import BoolArray, IntArray
 from ph_post.units import MM
 from ph_post.verify.declared import DeclaredLength
-from ph_post.verify.line_pairs import VerifyCase, as_mask
+from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase, as_mask
 from ph_post.verify.verdict import quoted
 
 _AXES = b"XYZ"
@@ -40,15 +41,22 @@ _SAFE = 2.0**61
 EXACT = 1e-9
 """Lengths [m] that differ by no more are the same number."""
 
+_DWELL = 4.0
+"""G word of a dwell."""
+
 _LINES = 20_000
 """So many pairs of lines are compared at a time, so that only what is known of their words is held."""
 
 
 class _Side(NamedTuple):
-    """Kind of the motion on each line of a program, -1 where there is none; where its comments begin."""
+    """Kind of the motion on each line of a program, -1 where there is none; where its comments begin.
+
+    `centres` is true for lines on which the centre of an arc is a place.
+    """
 
     kind: CodeArray
     comments: PlaceArray
+    centres: BoolArray
 
     @classmethod
     def of(cls, program: PartProgram) -> _Side:
@@ -59,38 +67,68 @@ class _Side(NamedTuple):
             kind[line] = kind[arc]
         comments = np.flatnonzero(np.frombuffer(program.data, dtype=np.uint8) == ord("("))
         comments = comments if program.language.parentheses else comments[:0]
-        return cls(kind, comments.astype(np.int32))
+        return cls(kind, comments.astype(np.int32), program.absolute_centres())
 
 
 class _Pairs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Words of the lines that belong together, one to one: their numbers in each program."""
+    """Words of the lines that belong together, one to one: their rows among some words of each program."""
 
+    one: WordTable
+    other: WordTable
     old: IntArray
     new: IntArray
 
+    def take(self, rows: IntArray | BoolArray) -> _Pairs:
+        """Return some of the pairs."""
+        return _Pairs(one=self.one, other=self.other, old=self.old[rows], new=self.new[rows])
 
-def check_text(case: VerifyCase) -> None:
-    """Compare the lines outside changes, byte for byte, and numbers that differ with the declared offsets."""
+
+def check_text(case: VerifyCase) -> tuple[WordTable, WordTable]:
+    """Compare the lines outside changes, byte for byte, and numbers that differ with the declared offsets.
+
+    Returns
+    -------
+    tuple of WordTable
+        The words of both programs that other checks look at: those in changes, dwells, and words of further axes.
+    """
     original, compensated, lines = case.original, case.compensated, case.lines
     sides = _Side.of(original), _Side.of(compensated)
-    shifted = sum(_check_part(case, sides, slice(low, low + _LINES)) for low in range(0, lines.old.size, _LINES))
+    changes = lines.old_change, lines.new_change
+    shifted, parts = 0, range(0, max(lines.old.size, 1), _LINES)
+    ends = [(0, 0), *((int(lines.old[low]), int(lines.new[low])) for low in parts[1:])]
+    found: list[list[WordTable]] = [[], []]
+    for low, first, last in zip(parts, ends, [*ends[1:], (original.blocks, compensated.blocks)], strict=True):
+        words = original.source.part(first[0], last[0]), compensated.source.part(first[1], last[1])
+        for own, program, part, change in zip(found, (original, compensated), words, changes, strict=True):
+            own.append(part.take(_looked_at(program, part, change)))
+        if lines.old.size:
+            shifted += _check_part(case, sides, slice(low, low + _LINES), words)
     case.findings.count("lines", lines.old.size)
     case.findings.count("shifted words", shifted)
     foreign = compensated.data.find(b"\r") if b"\r" not in original.data else -1
     if foreign >= 0:
         line = int(np.searchsorted(compensated.lines, foreign, side="right")) - 1
         case.findings.add("text", "the line ends in another way than the original's", compensated=line)
+    one, other = (reduce(WordTable.joined, own) for own in found)
+    return one, other
 
 
-def _check_part(case: VerifyCase, sides: tuple[_Side, _Side], part: slice) -> int:
-    """Compare some pairs of lines; returns how many of their words are shifted."""
+def _looked_at(program: PartProgram, words: WordTable, change: PlaceArray) -> IntArray:
+    """Return the rows of the words in changes, of lines with dwells, and of further axes."""
+    dwells = words.block[(words.letter == ord("G")) & (words.value == _DWELL)]
+    further = [ord(letter) for letter in program.language.further]
+    inside = change[words.block] != NO_CHANGE
+    return np.flatnonzero(inside | np.isin(words.letter, further) | np.isin(words.block, dwells))
+
+
+def _check_part(case: VerifyCase, sides: tuple[_Side, _Side], part: slice, words: tuple[WordTable, WordTable]) -> int:
+    """Compare some pairs of lines, of which the words are given; returns how many of those are shifted."""
     original, compensated = case.original, case.compensated
     old, new = case.lines.old[part], case.lines.new[part]
-    pairs = _pair_words(original, compensated, old, new)
-    shifted = _may_shift(case, sides, pairs)
-    pairs = _Pairs(old=pairs.old[shifted], new=pairs.new[shifted])
+    pairs = _pair_words(*words, old, new)
+    pairs = pairs.take(_may_shift(case, sides, pairs))
     _check_amounts(case, sides, pairs)
-    old_kept, new_kept = _kept(original, old, pairs.old), _kept(compensated, new, pairs.new)
+    old_kept, new_kept = _kept(original, old, words[0], pairs.old), _kept(compensated, new, words[1], pairs.new)
     if case.lines.ends and old[-1] == original.blocks - 1:
         text = compensated.text(int(new[-1]))
         new_kept[new_kept.size - (len(text) - len(text.rstrip(b"\r\n"))) :] = False
@@ -107,11 +145,9 @@ def _check_part(case: VerifyCase, sides: tuple[_Side, _Side], part: slice) -> in
     return pairs.old.size
 
 
-def _pair_words(
-    original: PartProgram, compensated: PartProgram, old_lines: PlaceArray, new_lines: PlaceArray
-) -> _Pairs:
+def _pair_words(one: WordTable, other: WordTable, old_lines: PlaceArray, new_lines: PlaceArray) -> _Pairs:
     """Words of lines with the same letters; other lines are compared by their bytes."""
-    both = ((original.words.block, old_lines), (compensated.words.block, new_lines))
+    both = ((one.block, old_lines), (other.block, new_lines))
     spans = [(span_of(block, lines[0])[0], span_of(block, lines[-1])[1]) for block, lines in both]
     own = [block[low:high] - lines[0] for (block, lines), (low, high) in zip(both, spans, strict=True)]
     chosen = [lines - lines[0] for _, lines in both]
@@ -121,12 +157,12 @@ def _pair_words(
         low + np.flatnonzero(as_mask(int(lines[-1]) + 1, lines[alike])[block])
         for block, lines, (low, _) in zip(own, chosen, spans, strict=True)
     )
-    return _Pairs(old=old, new=new)
+    return _Pairs(one=one, other=other, old=old, new=new)
 
 
-def _changed(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) -> BoolArray:
+def _changed(sides: tuple[_Side, _Side], pairs: _Pairs) -> BoolArray:
     """Mask of words whose numbers are plain in both programs and differ (1.0 and 1. do not)."""
-    one, other = case.original.words, case.compensated.words
+    one, other = pairs.one, pairs.other
     plain = (one.decimals[pairs.old] >= 0) & (other.decimals[pairs.new] >= 0)
     same_letter = one.letter[pairs.old] == other.letter[pairs.new]
     commented = _has_comment(sides[0], one, pairs.old) | _has_comment(sides[1], other, pairs.new)
@@ -135,15 +171,13 @@ def _changed(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) -> Boo
 
 def _may_shift(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) -> BoolArray:
     """Find the words that an offset may have changed: those of declared axes, in blocks of motion."""
-    original, compensated = case.original, case.compensated
-    kind = sides[0].kind[original.words.block[pairs.old]]
-    block = compensated.words.block[pairs.new]
-    letter = compensated.words.letter[pairs.new]
-    absolute, centres = _modes(compensated, "absolute", block), compensated.absolute_centres()[block]
+    kind = sides[0].kind[pairs.one.block[pairs.old]]
+    block, letter = pairs.other.block[pairs.new], pairs.other.letter[pairs.new]
+    absolute, centres = _modes(case.compensated, "absolute", block), sides[1].centres[block]
     axis = np.isin(letter, [ord(name) for name in case.declared.offsets])
     centre = np.isin(letter, [_centre(name) for name in case.declared.offsets]) & centres & (kind == ARC)
     moving = (kind >= 0) & (sides[1].kind[block] >= 0)
-    changed = _changed(case, sides, pairs)
+    changed = _changed(sides, pairs)
     return np.asarray(changed & moving & ((axis & (absolute | (kind == RAPID))) | centre))
 
 
@@ -169,10 +203,9 @@ def _check_amounts(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) 
     A rapid may end beyond its place by as much as a take-up move; the shift that it leaves, and the approach
     behind it, are checked with the motions.
     """
-    letters = case.compensated.words.letter[pairs.new]
-    block = case.compensated.words.block[pairs.new]
+    letters, block = pairs.other.letter[pairs.new], pairs.other.block[pairs.new]
     units, absolute = (_modes(case.compensated, name, block) for name in ("units", "absolute"))
-    way = np.abs(case.compensated.words.value[pairs.new] - case.original.words.value[pairs.old]) * units
+    way = np.abs(pairs.other.value[pairs.new] - pairs.one.value[pairs.old]) * units
     rapid = sides[1].kind[block] == RAPID
     for axis, amount in case.declared.offsets.items():
         own = np.isin(letters, [ord(axis), _centre(axis)])
@@ -180,16 +213,16 @@ def _check_amounts(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) 
             own &= ~(rapid & (way <= pulse.metres + 2.0 * amount.metres + EXACT))
         for unit, (steps, mode) in product(np.unique(units[own]).tolist(), (((1,), True), ((1, 2), False))):
             which = np.flatnonzero(own & (units == unit) & (absolute == mode))
-            chosen = _Pairs(old=pairs.old[which], new=pairs.new[which])
+            chosen = pairs.take(which)
             for place in np.flatnonzero(~_differ_by(case, chosen, amount, steps, unit)).tolist():
-                _report_word(case, int(chosen.old[place]), int(chosen.new[place]), amount)
+                _report_word(case, chosen, place, amount)
 
 
 def _differ_by(
     case: VerifyCase, pairs: _Pairs, amount: DeclaredLength, steps: tuple[int, ...], unit: float
 ) -> BoolArray:
     """Mask of words that differ by one of the multiples of the amount, to the last digit, or the last that is left."""
-    one, other = case.original.words, case.compensated.words
+    one, other = pairs.one, pairs.other
     if unit != amount.unit:
         grid = 0.5 * 10.0 ** -(case.declared.decimals or 0) * max(unit, MM)
         way = np.abs(other.value[pairs.new] - one.value[pairs.old]) * unit
@@ -210,7 +243,7 @@ def _differ_by(
         off = [np.abs(way - step * number * 10 ** (scale - places)) for step in steps]
         right = fits & (np.min(off, axis=0) <= spare)
     for place in np.flatnonzero(~fits).tolist():
-        way_there = abs(_difference(case, int(pairs.old[place]), int(pairs.new[place])))
+        way_there = abs(_difference(case, pairs, place))
         most = Decimal(5).scaleb(-_ROUNDED - 1) if rounded[place] else 0
         right[place] = min(abs(way_there - step * amount.number) for step in steps) <= most
     return np.asarray(right)
@@ -222,35 +255,37 @@ def _as_integer(number: Decimal) -> tuple[int, int]:
     return int(number.scaleb(places)), places
 
 
-def _difference(case: VerifyCase, old: int, new: int) -> Decimal:
+def _difference(case: VerifyCase, pairs: _Pairs, place: int) -> Decimal:
     """Return what a number was changed by, however long it is, from its bytes."""
+    sides = ((case.original, pairs.one, pairs.old), (case.compensated, pairs.other, pairs.new))
     before, after = (
-        Decimal(b"".join(program.data[program.words.start[word] + 1 : program.words.end[word]].split()).decode())
-        for program, word in ((case.original, old), (case.compensated, new))
+        Decimal(b"".join(program.data[words.start[rows[place]] + 1 : words.end[rows[place]]].split()).decode())
+        for program, words, rows in sides
     )
     return after - before
 
 
-def _report_word(case: VerifyCase, old: int, new: int, amount: DeclaredLength) -> None:
-    letter = chr(case.compensated.words.letter[new])
+def _report_word(case: VerifyCase, pairs: _Pairs, place: int, amount: DeclaredLength) -> None:
+    old, new = int(pairs.old[place]), int(pairs.new[place])
+    letter = chr(pairs.other.letter[new])
     case.findings.add(
         "offset",
         f"{letter} is shifted by something other than the declared offset",
-        original=int(case.original.words.block[old]),
-        compensated=int(case.compensated.words.block[new]),
+        original=int(pairs.one.block[old]),
+        compensated=int(pairs.other.block[new]),
         expected=f"+ or - {amount.number}",
-        got=f"{_difference(case, old, new)}",
+        got=f"{_difference(case, pairs, place)}",
     )
 
 
-def _kept(program: PartProgram, lines: PlaceArray, without: IntArray) -> BoolArray:
-    """Mark the bytes of the lines, from the first to the last of them, without the numbers of some words."""
+def _kept(program: PartProgram, lines: PlaceArray, words: WordTable, without: IntArray) -> BoolArray:
+    """Mark the bytes of the lines, from the first to the last of them, without the numbers of some of the words."""
     starts = program.lines[lines[0] : lines[-1] + 2]
     kept = np.repeat(as_mask(starts.size - 1, lines - lines[0]), np.diff(starts))
     if without.size:
         turns = np.zeros(kept.size + 1, dtype=np.int8)
-        turns[program.words.start[without] + 1 - starts[0]] += 1
-        turns[program.words.end[without] - starts[0]] -= 1
+        turns[words.start[without] + 1 - starts[0]] += 1
+        turns[words.end[without] - starts[0]] -= 1
         kept &= np.cumsum(turns[:-1], dtype=np.int8) == 0
     return kept
 

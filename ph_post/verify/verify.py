@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from ph_post.bounds import give_memory_back
 from ph_post.drive.axes import side_offsets
 from ph_post.errors import InputError
 from ph_post.gcode.program import PartProgram
@@ -195,15 +196,16 @@ def _check_machine(declared: DeclaredChanges, machine: Machine, findings: Findin
 
 def _compare(case: VerifyCase, machine: Machine | None) -> None:
     """Compare text, state, motion and feed, line by line of the alignment."""
-    check_text(case)
-    check_states(case)
-    check_breaks(case)
-    check_commands(case)
-    check_further(case)
-    dwells = check_dwells(case)
-    changed = words_of_changes(case)
     case.original.source.let_go()
     case.compensated.source.let_go()
+    words = check_text(case)
+    check_states(case)
+    check_breaks(case)
+    check_commands(case, words)
+    check_further(case, words)
+    dwells = check_dwells(case, words)
+    changed = words_of_changes(case, words)
+    give_memory_back()
     pairing = pair_motions(case, dwells)
     if pairing is None:
         return

@@ -309,7 +309,7 @@ def _number(path: str | None, letter: str) -> float:
 
 def stops_before(program: PartProgram) -> tuple[Array, Array]:
     """Return how long the axes rest before each motion [s], and 1 where the planner runs dry before it, 0 elsewhere."""
-    words, block = program.words, program.motions.block
+    words, block = program.commands, program.motions.block
     pause, drains = np.zeros(block.size), np.zeros(block.size)
     letter, value = words.letter, words.value
     m_words = letter == ord("M")

@@ -65,7 +65,7 @@ def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect)
         return []
     rounded, moves = corner_rounding(program, machine, tolerances(program, planner))
     backlash = np.where(moves & (gaps > 0.0), gaps, math.inf).min(axis=1)
-    words = program.words
+    words = program.commands
     modes = words.block[(words.letter == ord("G")) & np.isin(words.value, _MODES)]
     mode = np.searchsorted(modes, program.motions.block[:-1], side="right")
     said = []
@@ -85,7 +85,7 @@ def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect)
 
 def _unknown_modes(program: PartProgram, dialect: Dialect) -> list[str]:
     """Warn of the first G64: no such firmware has it, and Grbl stops there (error 20)."""
-    words = program.words
+    words = program.commands
     blocks = words.block[(words.letter == ord("G")) & (words.value == _CONTINUOUS)]
     if not blocks.size:
         return []
