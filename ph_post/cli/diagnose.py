@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     metavar="BETTER.toml",
     help="Write the machine file with the effects found; - for standard output.",
 )
-@options.replace_machine
 @click.option("--html", metavar="FILE", help="Write a page with the residuals; it needs no network.")
 @options.plot("the residuals, step by step and over time")
 @click.option("--next", "following", metavar="FILE", help="Write the part program of the next test.")
@@ -72,7 +71,7 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
     """
     import ph_post as ph
     from ph_post.api.inputs import any_machine
-    from ph_post.cli.outputs import check_places, refuse_existing
+    from ph_post.cli.outputs import check_places
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
     from ph_post.report.diagnoses import diagnosis_lines, diagnosis_view, effort_units
@@ -80,8 +79,6 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
 
     places = {"-o": how["output"], "--html": how["html"], "--plot": how["plot"], "--next": how["following"]}
     check_places({"LOG": source, "-m": machine, "--program": how["program"]}, places, json=as_json)
-    if how["output"] is not None:
-        refuse_existing(how["output"], how["force"])
     with ProgressPrinter() as progress:
         progress("reading")
         drives, _ = any_machine(machine)

@@ -71,7 +71,6 @@ _TRANSMISSION = (
 )
 @feedback_option
 @transmission_options
-@options.replace_machine
 @options.plot("the residual between the log and the identified machine")
 @log_options
 @options.common
@@ -110,7 +109,7 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
     """
     import ph_post as ph
     from ph_post.api.inputs import any_machine
-    from ph_post.cli.outputs import check_places, refuse_existing
+    from ph_post.cli.outputs import check_places
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
     from ph_post.report.diagnoses import fit_view, identification_lines, identification_view
@@ -120,8 +119,6 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
 
     inputs = {"LOG": source, "-m": machine, "--program": how["program"]}
     check_places(inputs, {"-o": output, "--plot": plot}, json=as_json)
-    if output is not None:
-        refuse_existing(output, how["force"])
     with ProgressPrinter() as progress:
         progress("reading")
         drives = None if machine is None else any_machine(machine)[0]

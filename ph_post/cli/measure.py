@@ -57,7 +57,7 @@ NO_MORE = "a line, empty where there is nothing more"
     metavar="FILE",
     help="Arcs of a ball bar (CSV with angle in degrees and radius in mm); both ways, in one file or two.",
 )
-@options.replace_machine
+@click.option("--force", is_flag=True, help="Replace MEASURED.toml where it is there already.")
 @options.common
 def command(
     source: str | None,

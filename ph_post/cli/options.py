@@ -387,10 +387,6 @@ force = click.option(
     help="Compensate again a program that was compensated with other options or for another machine.",
 )
 
-replace_machine = click.option(
-    "--force", is_flag=True, help="Replace the machine file of -o where it is there already."
-)
-
 strict = click.option("--strict", is_flag=True, help="Refuse programs with commands that ph-post does not understand.")
 
 feed_mode = click.option(

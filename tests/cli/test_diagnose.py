@@ -137,17 +137,7 @@ def test_a_bad_log_leaves_what_was_there(capsys, log, tmp_path):
     log.write_text("t,X_cmd,X_act\n0,0,0\n0.001,one,0\n")
     better = tmp_path / "better.toml"
     better.write_text("kept")
-    status, out, err = run(capsys, "diagnose", log, "-m", MILL, "-o", better, "--force")
+    status, out, err = run(capsys, "diagnose", log, "-m", MILL, "-o", better)
     assert (status, out) == (2, "")
     assert str(log) in err
     assert better.read_text() == "kept"
-
-
-@pytest.mark.parametrize("command", ["diagnose", "identify"])
-def test_a_machine_file_that_is_there_is_not_replaced_without_force(capsys, log, tmp_path, command):
-    there = tmp_path / "there.toml"
-    there.write_text("kept")
-    status, out, err = run(capsys, command, log, "-m", MILL, "-o", there)
-    assert (status, out) == (2, "")
-    assert err == f"ph-post: {there}: is there already; expected --force, or another name\n"
-    assert there.read_text() == "kept"
