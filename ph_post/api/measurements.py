@@ -137,6 +137,7 @@ def identify(
     feedback: Feedback | Mapping[str, Feedback] | None = None,
     gear_ratio: float | None = None,
     screw_lead: float | None = None,
+    for_file: bool = False,
     progress: Progress = no_progress,
 ) -> LogIdentification:
     r"""Identify b, c and the backlash of every axis of a log, with standard errors.
@@ -152,6 +153,8 @@ def identify(
         Turns of the motor a turn of the screw, N, of all axes; goes with `screw_lead`, without a machine.
     screw_lead : float, optional
         Lead of the screw [m], of all axes.
+    for_file : bool, optional
+        Refuse before the fit what :meth:`LogIdentification.machine_file` would refuse behind it.
     progress : callable, optional
         Called with the name of every stage.
 
@@ -185,7 +188,7 @@ def identify(
     for kind in loops.values():
         require_word("feedback", kind, get_args(Feedback))
     loops = {name: kind for name, kind in loops.items() if name in record.axes}
-    found = identifying.identify(record, drives, loops, transmission, progress)
+    found = identifying.identify(record, drives, loops, transmission, for_file, progress)
     return LogIdentification(**asdict(found), log=record, source=source)
 
 

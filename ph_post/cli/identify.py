@@ -129,6 +129,7 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
             feedback=how["feedback"],
             gear_ratio=how["gear_ratio"],
             screw_lead=None if how["screw_lead"] is None else how["screw_lead"] * MM,
+            for_file=output is not None,
             progress=progress,
         )
         products: dict[str, Content] = {}

@@ -60,6 +60,7 @@ from ph_post.identify.excerpt import excerpt
 from ph_post.identify.free_run import PRIOR, AxisProblem, problem_of, residuals
 from ph_post.identify.linear_drive import servo_memory, settling_time
 from ph_post.identify.log_quality import examine
+from ph_post.identify.machinefile import require_writable
 from ph_post.progress import Progress, no_progress
 from ph_post.types import (
     LOOPS,
@@ -237,6 +238,7 @@ def identify(
     machine: Machine | None = None,
     feedback: Mapping[str, Feedback] | None = None,
     transmission: Mapping[str, Transmission] | None = None,
+    for_file: bool = False,
     progress: Progress = no_progress,
 ) -> Identification:
     """Identify the drives in a log.
@@ -251,6 +253,8 @@ def identify(
         from which sides were read.
     transmission : mapping, optional
         N and r by axis, where there is no machine.
+    for_file : bool, optional
+        Refuse before the fit what a new machine file would lack.
     progress : Progress, optional
         Called with what is being done.
 
@@ -269,6 +273,8 @@ def identify(
     quality = examine(log, _nearer(log, draft.machine))
     if quality.faults:
         raise InputError(log.name, f"the log shows no parameter: {quality.faults[0]}")
+    if for_file and machine is None:
+        require_writable(draft.machine, log.name)
     drives: dict[str, IdentifiedDrive] = {}
     axes = dict(draft.machine.axes)
     for name, axis_log in log.axes.items():

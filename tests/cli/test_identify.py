@@ -11,6 +11,7 @@ from support.streams import without_progress
 
 from ph_post.cli.main import main
 from ph_post.drive.machinefile import read_machine
+from ph_post.identify import identify as identifying
 from tests.support.identifying import Recorder, to_and_fro
 from tests.support.plants.axis import Plant
 
@@ -121,9 +122,11 @@ def test_json_has_parameters_and_what_the_record_tells_apart(capsys, load_log):
     assert view["warnings"] == []
 
 
-def test_a_load_loop_needs_its_transmission_in_a_new_file(capsys, load_log, tmp_path):
+def test_a_load_loop_needs_its_transmission_in_a_new_file(capsys, load_log, tmp_path, monkeypatch):
     made = tmp_path / "machine.toml"
-    status, out, err = run(capsys, "identify", load_log, "--feedback", "load", "-o", made)
+    with monkeypatch.context() as unfitted:  # said before the work of half a minute, and not behind it
+        unfitted.setattr(identifying, "_identify_axis", pytest.fail)
+        status, out, err = run(capsys, "identify", load_log, "--feedback", "load", "-o", made)
     assert (status, out) == (2, "")
     assert err == (
         'ph-post: run: X: a machine file with feedback "load" needs gear ratio and travel; expected '
