@@ -247,9 +247,8 @@ class CrossingPlanner:
         parts = self._parts(knots, points, places, coarse=error > FINE * ERROR + own * gap)
         if not all(self._divisible[part.motion] for part in parts):
             return None
-        return CrossingEdit(
-            axis=AXES[spot.column], sign=spot.sign, parts=parts, length=knots.s[-1] - knots.s[0], error=error
-        )
+        length = float(places[1, -1] - places[1, 0])
+        return CrossingEdit(axis=AXES[spot.column], sign=spot.sign, parts=parts, length=length, error=error)
 
     def _followed(self, knots: _Knots, points: Array, spot: CrossingPlace) -> tuple[float, Array]:
         """Follow a table that waits while its motor is in the backlash.
