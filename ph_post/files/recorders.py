@@ -49,6 +49,7 @@ _JOINT: Final = r"^(?:joint|pid|axis)\.(?:(?P<axis>[xyzuvw])|(?P<number>[0-9]+))
 _NC: Final = r"(?:axis|axes|achse)[ _.\[]*(?:(?P<axis>[xyzuvw])(?![a-z])|(?P<number>[0-9]+))"
 _DRIVE: Final = r"^(?:odrv[0-9]+\.)?(?:axis(?P<number>[0-9]+)|(?P<axis>[xyzuvw]))[._]"
 _SIEMENS: Final = r"(?=.*(?:^|[^a-z0-9])(?P<axis>[xyzuvw])[0-9]?(?:[^a-z0-9]|$))?"
+_ACTUAL: Final = r".*(?:position|lage|pos\.?).*(?:actual|istwert|ist)"
 
 RECORDERS: Final = {
     one.name: one
@@ -68,8 +69,8 @@ RECORDERS: Final = {
             time_unit="s",
             kinds=(
                 ("cmd", _SIEMENS + r".*(?:position|lage|pos\.?)[- ]?(?:setpoint|set ?point|sollwert|soll)"),
-                ("motor", _SIEMENS + r".*(?:position|lage|pos\.?).*(?:actual|istwert|ist).*(?:1|motor)\W*$"),
-                ("act", _SIEMENS + r".*(?:position|lage|pos\.?).*(?:actual|istwert|ist).*(?:2|direct|direkt)\W*$"),
+                ("motor", _SIEMENS + _ACTUAL + r".*(?:(?<![a-z0-9])1(?![0-9])|motor)"),
+                ("act", _SIEMENS + _ACTUAL + r".*(?:(?<![a-z0-9])2(?![0-9])|direct|direkt)"),
                 ("current", _SIEMENS + r".*(?:actual current|current actual|stromistwert).*"),
             ),
         ),
