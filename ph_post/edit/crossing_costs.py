@@ -11,9 +11,7 @@ import numpy as np
 from ph_post.compensate.offsets import DWELL, corner_pause
 from ph_post.drive.cascade import response_time
 from ph_post.edit.crossing_ground import LEAST_FEED, CrossingGround, Spots
-from ph_post.edit.crossings import (
-    SETTLING,
-)
+from ph_post.edit.crossings import BLENDED, SETTLING
 from ph_post.edit.lagging_crossings import RESIDUE
 from ph_post.edit.reversals import (
     BEYOND,
@@ -23,7 +21,7 @@ from ph_post.edit.reversals import (
     SIGN,
 )
 from ph_post.gcode.program import AXES, LINE, RAPID, PlaceArray
-from ph_post.types import Array, Axis, BoolArray, IntArray
+from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray
 
 SOONER: Final = 0.02
 """An axis comes from beyond its place where its motor need not be there for so much longer [s] then."""
@@ -81,6 +79,11 @@ class CrossingCosts:
         # Between its ends 2 √(g/a); a corner is passed slowly anyway, which takes about half of it.
         longer = 1.0 + np.minimum(passed / np.maximum(spots.feed, LEAST_FEED), 1.0)
         move = np.array(moves)[spots.column] * longer
+        if not isinstance(self._ground.planner, ExactPath):
+            # Where joints are rounded it is not much faster than the path.
+            fastest = np.maximum(spots.feed, np.array([self.beside_cut(axes.get(n)) for n in AXES])[spots.column])
+            lost = np.array([axes[n].gap.lost_motion if n in axes else 0.0 for n in AXES])[spots.column]
+            move = np.where(spots.rows[:, SIGN] == 0.0, move, np.maximum(move, lost / fastest))
         return np.asarray(move + passed / self._ground.push[spots.rows[:, MOTION].astype(np.int64)])
 
     def of_chords(self, spots: Spots) -> Array:
@@ -101,6 +104,11 @@ class CrossingCosts:
         feed = np.maximum(ground.feed[line], LEAST_FEED)
         longer = _between_stops(lost, push, most) - _between_stops(length, ground.push[line], feed)
         return np.maximum(longer, 0.0), np.minimum(feed, most * length / lost)
+
+    @staticmethod
+    def beside_cut(axis: Axis | None) -> float:
+        """Return the speed [m/s] of an axis that is let be faster than a cut with which its joint is rounded."""
+        return LEAST_FEED if axis is None else math.sqrt(axis.limits.acceleration * BLENDED)
 
     @staticmethod
     def _pause(axis: Axis, coarser: float) -> float:

@@ -15,9 +15,9 @@ from ph_post.edit.crossing_costs import CrossingCosts
 from ph_post.edit.crossing_ground import APPROACH, CrossingGround, Spots
 from ph_post.edit.crossing_spots import SpotSearch
 from ph_post.edit.crossings import (
-    SHORTEST,
     CrossingPlace,
     CrossingPlanner,
+    shortest_block,
 )
 from ph_post.edit.edits import CrossingEdit, OffsetShift, StopEdit
 from ph_post.edit.positions import Restart
@@ -172,7 +172,8 @@ class CrossingSearch:
         name = AXES[int(spots.column[n])]
         feed = float(spots.feed[n])
         shape = self.ground.shapes[name]
-        shape = replace(shape, first=max(shape.first, SHORTEST / feed), wait=max(shape.wait, SHORTEST / feed))
+        least = shortest_block(feed) / feed
+        shape = replace(shape, first=max(shape.first, least), wait=max(shape.wait, least))
         low, high = spots.bound[n].tolist()
         spot = CrossingPlace(
             column=int(spots.column[n]),
@@ -228,7 +229,8 @@ class CrossingSearch:
         steady = bool(self.ground.beam.works.follows[motion]) and sign != 0.0 and not behind_rapid
         if not steady and velocity > 0.0:
             # Where joints are rounded, the cut beside a faster one is made faster, too.
-            velocity = reached if isinstance(self.ground.planner, ExactPath) else min(velocity, reached)
+            beside = math.inf if isinstance(self.ground.planner, ExactPath) else self._costs.beside_cut(axis)
+            velocity = min(max(velocity, beside), reached)
         elif not steady:
             velocity = make_jog(axis, longest, 0.0).velocity
         approach = bool(behind_rapid and sign != 0.0)

@@ -160,7 +160,9 @@ def points_along(view: Any, along: Any, s: Any) -> Any:
 INWARD: Final = 3
 BALANCED: Final = 1
 OUTWARD: Final = 2
-"""Kinds of crossings: the table leaves the path towards the centre of curvature, by half to both sides, or outward."""
+BEHIND: Final = 4
+"""Kinds of crossings: the table leaves the path towards the centre of curvature, by half to both sides, or outward; or
+it waits on the straight line behind a corner."""
 
 SOONEST: Final = 0.7
 """Part of a crossing's time that is left at least where the axis moves already at its end."""

@@ -14,6 +14,7 @@ from ph_post.edit.crossing_ground import LEAST_FEED, CrossingGround, Spots
 from ph_post.edit.crossing_shapes import (
     AT_SPEED,
     BALANCED,
+    BEHIND,
     INWARD,
     OUTER,
     OUTWARD,
@@ -22,16 +23,18 @@ from ph_post.edit.crossing_shapes import (
     points_along,
 )
 from ph_post.edit.crossings import (
+    BLENDED,
     COARSER,
     ERROR,
     FINE,
+    FINEST,
     KINK,
     LARGE,
     MOST,
     PART,
     SETTLING,
-    SHORTEST,
     exaggeration,
+    shortest_block,
 )
 from ph_post.edit.cutter_contours import QUARTER, SLANTED
 from ph_post.edit.lagging_crossings import SHORT_LAG
@@ -50,7 +53,7 @@ from ph_post.edit.reversals import (
     SHARE1,
     SIGN,
 )
-from ph_post.gcode.program import ARC, AXES, RAPID, plane_columns
+from ph_post.gcode.program import ARC, AXES, LINE, RAPID, plane_columns
 from ph_post.simulate.controllers.moves import tolerances
 from ph_post.types import Array, BoolArray, ExactPath, IntArray
 from ph_post.units import MM
@@ -70,6 +73,9 @@ NEARLY: Final = 0.999
 
 STRAIGHT: Final = 1.0 - 1e-9
 """Part of its length that a way between two places is apart at least, if it is straight."""
+
+NEAR: Final = 0.25
+"""Part of the length of a line that a table may be beside it behind a corner: the next line is not nearer then."""
 
 BESIDE: Final = 4
 """Changes before and behind a rest of which it is looked whether they use it: no more can be at its ends."""
@@ -230,7 +236,8 @@ class SpotSearch:
         lag = ground.lag[spots.column]
         late = np.where(np.array([one.beyond for one in shapes])[spots.column] > 0.0, lag, 0.0)
         # No block is shorter than a machine can tell.
-        wait = np.maximum(wait, SHORTEST / np.maximum(spots.feed, 1e-12))
+        shortest = shortest_block(spots.feed)
+        wait = np.maximum(wait, shortest / np.maximum(spots.feed, 1e-12))
         behind = np.minimum(motion + 1, motions.kind.size - 1)
         ends = (rows[:, SHARE] == 1.0) & ((ground.region[behind] != ground.region[motion]) | (behind == motion))
         stops = (ground.region[motion] < 0) | ends | (ground.halts[motion] & (ground.rounding == 0.0))
@@ -239,32 +246,60 @@ class SpotSearch:
         inner &= ~stops | (spots.spread > 0.0)
         room = np.minimum(spots.rest[:, 1], spots.bound[:, 1]) - np.maximum(spots.rest[:, 0], spots.bound[:, 0])
         blend = self._blends(spots, motion)
-        calm = inner & (room >= spots.feed * (wait + SETTLING * lag) + 2.0 * blend) & (room > 2.0 * SHORTEST)
+        calm = inner & (room >= spots.feed * (wait + SETTLING * lag) + 2.0 * blend) & (room > 2.0 * shortest)
         corrected = (ground.contours.number[motion] >= 0) | (ground.contours.number[behind] >= 0)
         calm &= ~corrected | (spots.spread > 0.0)
         calm, spots = self._between_corners(spots, wait, inner & ~calm & ~corrected & (lag < SHORT_LAG), calm)
         turning = inner & ~calm & ~corner & ~corrected
-        window = np.zeros((len(rows), 5))
+        finest = np.where(np.array([one.steps > 1 for one in shapes])[spots.column], STEPS_ERROR, ERROR)
+        error, most = self._allowed(spots, coarser, finest)
+        turning, window = self._turning(spots, motion, turning, (wait, late, crossing), (error, most, finest))
+        sharp = inner & corner & ~corrected & (lag < SHORT_LAG)
+        spots, slowly = self._behind_corners(spots, sharp, corner, calm, behind, error)
+        turning |= slowly
+        window[slowly] = spots.window[slowly]
+        spots = replace(spots, calm=calm, window=np.where(turning[:, None], window, 0.0), blend=blend)
+        if coarser == COARSER[-1]:
+            # Where a beam or a nozzle works nothing stops.
+            works = ground.beam.works.on[motion] & ground.beam.tends
+            turning &= works | (self._costs.of_chords(spots) <= self._costs.of_stops(spots))
+        jog = (rows[:, CARRIED] == 0.0) & ~calm & ~turning
+        found = replace(spots, jog=jog, window=np.where(turning[:, None], window, 0.0))
+        return _in_order(found) if spots.whole.any() else found
+
+    def _turning(
+        self,
+        spots: Spots,
+        motion: IntArray,
+        turning: BoolArray,
+        times: tuple[Array, Array, Array],
+        errors: tuple[Array, Array, Array],
+    ) -> tuple[BoolArray, Array]:
+        """Return the changes (n,) that have windows near turning points, of those asked for, and all windows (n, 5).
+
+        `times` are those for which tables wait, by which commands that go beyond are late, and in which offsets change
+        [s]; `errors` the one allowed, the largest of all, and the finest [m].
+        """
+        ground, (wait, late, crossing), (error, most, finest) = self._ground, times, errors
+        window, turning = np.zeros((spots.at.size, 5)), turning.copy()
         # A beam is not slowed down: a coarser crossing has to do.
         lit = ground.beam.is_beam & ground.beam.works.on[motion]
         push = np.array([ground.turning_push(name) for name in AXES])[spots.column]
-        finest = np.where(np.array([one.steps > 1 for one in shapes])[spots.column], STEPS_ERROR, ERROR)
-        error, most = self._allowed(spots, coarser, finest)
         which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, wait)
-        wanted[lag >= SHORT_LAG] = 0
-        for number, times in enumerate((0.0, *BEAM_COARSER)):
+        wanted[ground.lag[spots.column] >= SHORT_LAG] = 0
+        for number, times_finest in enumerate((0.0, *BEAM_COARSER)):
             if which.size:
                 window[which] = find_windows(
                     ground.view,
                     ground.along,
                     spots.column[which],
-                    rows[which, SIGN],
+                    spots.rows[which, SIGN],
                     spots.rest[which],
                     spots.bound[which],
                     wait[which],
                     late[which],
                     spots.feed[which],
-                    np.maximum(error, times * finest)[which],
+                    np.maximum(error, times_finest * finest)[which],
                     most[which],
                     wanted[which],
                     push[which],
@@ -274,17 +309,11 @@ class SpotSearch:
             if number == len(BEAM_COARSER):
                 turning &= ~slowed
         if turning.any():
-            short = window[:, 1] - window[:, 0] < NEARLY * SHORTEST
-            slow = window[:, 2] * crossing < 0.25 * SHORTEST
+            shortest = shortest_block(spots.feed)
+            short = window[:, 1] - window[:, 0] < NEARLY * shortest
+            slow = window[:, 2] * crossing < 0.25 * shortest
             turning &= ~(short | slow)
-        spots = replace(spots, calm=calm, window=np.where(turning[:, None], window, 0.0), blend=blend)
-        if coarser == COARSER[-1]:
-            # Where a beam or a nozzle works nothing stops.
-            works = ground.beam.works.on[motion] & ground.beam.tends
-            turning &= works | (self._costs.of_chords(spots) <= self._costs.of_stops(spots))
-        jog = (rows[:, CARRIED] == 0.0) & ~calm & ~turning
-        found = replace(spots, jog=jog, window=np.where(turning[:, None], window, 0.0))
-        return _in_order(found) if spots.whole.any() else found
+        return turning, window
 
     def _between_corners(self, spots: Spots, wait: Array, may: BoolArray, calm: BoolArray) -> tuple[BoolArray, Spots]:
         """Let crossings take the whole of a straight rest between two corners, where that is faster than to stop.
@@ -303,7 +332,9 @@ class SpotSearch:
         rests = np.stack([ground.along[first[which] + 1], ground.along[last[which] + 1]], axis=1)
         length = rests[:, 1] - rests[:, 0]
         begin, end = (points_along(ground.view, ground.along, one) for one in rests.T.copy())
-        straight = (length > 2.0 * SHORTEST) & (np.linalg.norm(end - begin, axis=1) >= STRAIGHT * length)
+        straight = (length > 2.0 * shortest_block(spots.feed[which])) & (
+            np.linalg.norm(end - begin, axis=1) >= STRAIGHT * length
+        )
         straight &= np.max([ground.bends(place) for place in rests.T.copy()], axis=0) < KINK
         straight &= ~self._shared(spots, which, rests)
         which, rests = which[straight], rests[straight]
@@ -322,6 +353,47 @@ class SpotSearch:
             limit = np.clip(bound[beside, side], *((-np.inf, rests[:, 0]) if side else (rests[:, 1], np.inf)))
             bound[beside, side] = np.where(beside == which, bound[beside, side], limit)
         return calm | whole, replace(spots, rest=rest, bound=bound, at=at, feed=speed, whole=whole)
+
+    def _behind_corners(
+        self, spots: Spots, may: BoolArray, corner: BoolArray, calm: BoolArray, behind: IntArray, error: Array
+    ) -> tuple[Spots, BoolArray]:
+        """Find windows behind corners that the path leaves so slowly that the motor crosses meanwhile.
+
+        The table waits, and is where it should be at the end of the window: on a straight line it is beside the path by
+        the axis' way until then, as far as that is across the line.
+        """
+        ground = self._ground
+        found = np.zeros(may.size, dtype=np.bool_)
+        which = np.flatnonzero(may & ~calm & (ground.program.motions.kind[behind] == LINE) & ground.divisible[behind])
+        if not which.size:
+            return spots, found
+        feed, column = spots.feed[which], spots.column[which]
+        axes = [ground.machine.axes[AXES[n]] for n in column.tolist()]
+        lost, push = np.array([(axis.gap.lost_motion, axis.limits.acceleration) for axis in axes]).T
+        time = 2.0 * np.sqrt(lost / push)
+        if not isinstance(ground.planner, ExactPath):
+            time = np.maximum([ground.shapes[axis.name].wait for axis in axes], lost / np.sqrt(push * BLENDED))
+        shortest = shortest_block(feed)
+        begin, end = spots.at[which], ground.along[behind[which] + 1]
+        finish = begin + np.maximum(feed * time, shortest)
+        finish = np.where(end - finish < shortest, np.maximum(finish, end), finish)
+        # What happens in the next corner begins there.
+        next_begin = np.where(spots.whole, spots.rest[:, 0], np.where(corner & ~calm, spots.at, -np.inf))
+        limit = np.maximum(spots.bound[:, 1], np.append(next_begin[1:], -np.inf))[which]
+        fits = (finish <= np.minimum(end, limit)) & (finish - begin >= shortest)
+        points = [points_along(ground.view, ground.along, one) for one in (begin, finish)]
+        way = np.abs(points[1] - points[0])[np.arange(which.size), column]
+        across = np.sqrt(np.maximum(1.0 - (way / np.maximum(finish - begin, FINEST)) ** 2, 0.0))
+        beside = way * across * lost / (lost + way)
+        fits &= (way <= PART * lost) & (beside <= np.minimum(error[which], NEAR * (end - begin)))
+        which, begin, finish, feed, beside = (one[fits] for one in (which, begin, finish, feed, beside))
+        window, bound = spots.window.copy(), spots.bound.copy()
+        found[which] = True
+        window[which] = np.stack([begin, finish, feed, beside, np.full(which.size, BEHIND)], axis=1)
+        bound[which] = window[which, :2]
+        after = np.minimum(which + 1, may.size - 1)
+        bound[after, 0] = np.where(after > which, np.maximum(bound[after, 0], finish), bound[after, 0])
+        return replace(spots, window=window, bound=bound), found
 
     @staticmethod
     def _shared(spots: Spots, which: IntArray, rests: Array) -> BoolArray:
@@ -364,7 +436,7 @@ class SpotSearch:
         angle = np.where(known, np.arccos(np.clip(passed, -1.0, 1.0)), BLEND_ANGLE)
         reach = allowed / np.tan(0.25 * np.maximum(angle, BLEND_ANGLE))
         # Nearer to the corner a crossing would begin in it.
-        shortest = np.maximum(self._ground.least * spots.feed, SHORTEST)
+        shortest = np.maximum(self._ground.least * spots.feed, shortest_block(spots.feed))
         return np.asarray(np.where(reach > 0.0, np.maximum(reach, CLEAR * shortest), 0.0))
 
     def _wanted(self, spots: Spots, motion: IntArray, wait: Array) -> IntArray:
@@ -376,12 +448,12 @@ class SpotSearch:
         found = np.zeros(motion.size, dtype=np.int64)
         if not (isinstance(ground.planner, ExactPath) or ground.planner.bounded):
             tangent = 0.5 * (OUTER - 1.0) * wait * spots.feed
-            long = tangent >= CLEAR * np.maximum(ground.least * spots.feed, SHORTEST)
+            long = tangent >= CLEAR * np.maximum(ground.least * spots.feed, shortest_block(spots.feed))
             found[long & (ground.program.motions.kind[motion] == ARC)] = BALANCED
         if not ground.part_side:
             return found
-        middle, rows = spots.rest.mean(axis=1), np.arange(motion.size)
-        ahead, behind = (points_along(ground.view, ground.along, middle + d) for d in (0.5 * SHORTEST, -0.5 * SHORTEST))
+        middle, rows, half = spots.rest.mean(axis=1), np.arange(motion.size), 0.5 * shortest_block(spots.feed)
+        ahead, behind = (points_along(ground.view, ground.along, middle + d) for d in (half, -half))
         way, columns = ahead - behind, plane_columns(ground.program.motions.plane[motion])
         # How far the centre of curvature is to the left: it lies where the axis goes after its reversal.
         first, second = (way[rows, columns[:, k]] for k in (0, 1))

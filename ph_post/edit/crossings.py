@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Final
+from typing import Final, overload
 
 import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.edit.crossing_shapes import BALANCED, OUTER, OUTWARD, CrossingShape, points_along, stair
+from ph_post.edit.crossing_shapes import BALANCED, BEHIND, OUTER, OUTWARD, CrossingShape, points_along, stair
 from ph_post.edit.edits import CrossingEdit, CrossingPart
 from ph_post.edit.lagging_crossings import CrossingArcs, bent_line, lead_time
 from ph_post.edit.reversals import motion_view
@@ -47,6 +47,12 @@ NEARLY: Final = 0.98
 SHORTEST: Final = 0.02 * MM
 """Blocks of crossings are no shorter [m]; one that would be is moved to the end of the motion beside it."""
 
+SHORTEST_TIME: Final = 0.01
+"""Nor do they need to last longer than this [s], where the path is slow."""
+
+FINEST: Final = 1e-3 * MM
+"""None is shorter than this [m], however slow the path is."""
+
 LOOSER: Final = 1.3
 """A crossing may have so many times its error where that spares a block too short for the controller."""
 
@@ -59,11 +65,16 @@ ROUNDED: Final = 1.2
 WORTH: Final = 5e-3
 """Time [s] that a crossing in fewer steps has to save: its error is a tenth of a micrometre larger."""
 
-NEARBY: Final = 1.5 * SHORTEST
-"""A crossing whose blocks have to be short begins and ends on a joint of the program that is so near [m]."""
+NEARBY: Final = 1.5
+"""A crossing whose blocks have to be short begins and ends on a joint of the program that is no more than so many
+times the length of its shortest block away."""
 
 KINK: Final = math.cos(math.radians(20.0))
 """In a corner sharper than this the shift is a move of its own, as the path is slow there anyway."""
+
+BLENDED: Final = 4e-3 * MM
+"""Radius [m] with which a controller that rounds joints rounds those of a motor faster than a slow path: so near to
+them the cut is as fast."""
 
 LEAD: Final = 0.5 * (OUTER - 1.0)
 """Straight blocks before and behind a crossing with lag last this part of it."""
@@ -103,6 +114,15 @@ NOTHING: Final = 1e-12
 
 SAME_SHARE: Final = 1e-9
 """Shares of a motion that differ by no more are the same."""
+
+
+@overload
+def shortest_block(feed: float) -> float: ...
+@overload
+def shortest_block(feed: Array) -> Array: ...
+def shortest_block(feed: float | Array) -> float | Array:
+    """Return the least length [m] of the blocks of a crossing where the path has a feed [m/s]."""
+    return np.clip(SHORTEST_TIME * feed, FINEST, SHORTEST)
 
 
 def exaggeration(shape: CrossingShape, lag: float) -> float:
@@ -167,7 +187,8 @@ class _Knots(msgspec.Struct, kw_only=True, eq=False):
     """Places of a crossing in order, what is added to the path there, and how each part is passed.
 
     `line` says of the part that ends at a knot whether it is a straight block; `speed` [m/s] the path's there.
-    On the parts that end at the knots `crosses` the motor crosses the backlash.
+    On the parts that end at the knots `crosses` the motor crosses the backlash; `exact` where the table is on the path
+    at every knot.
     """
 
     s: list[float]
@@ -175,6 +196,7 @@ class _Knots(msgspec.Struct, kw_only=True, eq=False):
     line: list[bool]
     speed: list[float]
     crosses: range = range(0)
+    exact: bool = False
 
 
 class CrossingPlanner:
@@ -204,13 +226,13 @@ class CrossingPlanner:
         window : Array, shape (5,)
             Of :func:`find_windows`.
         """
-        long = spot.feed * self._least
+        long, shortest = spot.feed * self._least, shortest_block(spot.feed)
         found = self._planned(spot, window, long, spot.shape.steps)
-        if long <= SHORTEST or (found is not None and found.error <= ERROR):
+        if long <= shortest or (found is not None and found.error <= ERROR):
             return found
         # A block that the controller has to slow down for costs less than a crossing in the wrong place.
-        outside = min(long, NEARBY) if found is None and spot.shape.steps > 1 else 0.0
-        finer = self._planned(spot, window, SHORTEST, 1, outside)
+        outside = min(long, NEARBY * shortest) if found is None and spot.shape.steps > 1 else 0.0
+        finer = self._planned(spot, window, shortest, 1, outside)
         if finer is None or found is None:
             return found if finer is None else finer
         enough = ROUNDER if len(found.parts) > len(finer.parts) else LOOSER
@@ -231,7 +253,8 @@ class CrossingPlanner:
         return None
 
     def _made(self, knots: _Knots | None, spot: CrossingPlace, least: float, outside: float) -> CrossingEdit | None:
-        if knots is None or not self._snap(knots, spot, max(least, SHORTEST), max(outside, SHORTEST)):
+        shortest = shortest_block(spot.feed)
+        if knots is None or not self._snap(knots, spot, max(least, shortest), max(outside, shortest)):
             return None
         if len(knots.crosses) > 1 and (np.diff(knots.s) / knots.speed[1:]).min() < HELD * spot.shape.least:
             return None
@@ -244,7 +267,7 @@ class CrossingPlanner:
         # The check wants none farther from the path than an offset is.
         if error > min((HALF + own) * gap, NEARLY * max(abs(before), abs(after))):
             return None
-        parts = self._parts(knots, points, places, coarse=error > FINE * ERROR + own * gap)
+        parts = self._parts(knots, points, places, coarse=error > FINE * ERROR + own * gap and not knots.exact)
         if not all(self._divisible[part.motion] for part in parts):
             return None
         length = float(places[1, -1] - places[1, 0])
@@ -316,6 +339,7 @@ class CrossingPlanner:
             line=[False, True],
             speed=[spot.feed, spot.feed],
             crosses=range(1, 2),
+            exact=True,
         )
 
     def _on_line(self, begin: float, finish: float, high: float, run: float) -> tuple[float, float]:
@@ -333,6 +357,8 @@ class CrossingPlanner:
         if spot.shape.beyond > 0.0:
             return self._from_beyond(spot, window, steps, least)
         begin, finish, speed, error, kind = window.tolist()
+        if kind == BEHIND:
+            return self._straight(begin, finish, spot)
         # The table waits longer than the motor's blocks last where the controller rounds their ends.
         lasts = max(spot.shape.first, LONE * spot.shape.wait) * speed
         if steps > 1:
@@ -345,7 +371,7 @@ class CrossingPlanner:
             if kind == BALANCED and lost > WORTH:
                 steps = min(steps, spot.shape.fewest)
                 lasts = min(spot.shape.span(steps) * speed, BLOCKS * (finish - begin))
-        ahead = max(0.5 * (finish - begin - max(lasts, SHORTEST)), 0.0)
+        ahead = max(0.5 * (finish - begin - max(lasts, shortest_block(spot.feed))), 0.0)
         first, last = begin + ahead, finish - ahead
         knots = _Knots(s=[first, last], added=[spot.before, spot.after], line=[False, True], speed=[spot.feed, speed])
         if kind in (BALANCED, OUTWARD):
@@ -399,7 +425,7 @@ class CrossingPlanner:
     def _in_arcs(self, knots: _Knots, spot: CrossingPlace, arcs: CrossingArcs, least: float) -> _Knots | None:
         """Put a line that is bent in arcs between two tangents, its joints where motions may be divided if they may."""
         column, speed, s = spot.column, knots.speed[1], np.array(knots.s)
-        between = max(spot.shape.least, SHORTEST / speed)
+        between = max(spot.shape.least, shortest_block(spot.feed) / speed)
         places: list[float] = []
         for place in (s[1] + speed * arcs.joints(between)[0]).tolist():
             low, high = (self._snapped(place, down, least) for down in (True, False))
@@ -428,12 +454,13 @@ class CrossingPlanner:
             return knots
         column, turn = spot.column, float(spot.sign)
         first, last = knots.s[middle - 1], knots.s[middle]
-        outer = [first - SHORTEST, last + SHORTEST] if middle == 1 else [knots.s[0], knots.s[-1]]
+        shortest = shortest_block(spot.feed)
+        outer = [first - shortest, last + shortest] if middle == 1 else [knots.s[0], knots.s[-1]]
         added = np.array([knots.added[0], knots.added[middle - 1], knots.added[middle], knots.added[-1]])[:, column]
         s = np.array([outer[0], first, last, outer[1]])
         motor = points_along(self._view, self._along, s)[:, column] + added
         before, slope, after = (turn * np.diff(motor) / np.diff(s)).tolist()
-        least = max(spot.shape.least * knots.speed[middle], SHORTEST) / (last - first)
+        least = max(spot.shape.least * knots.speed[middle], shortest) / (last - first)
         up = down = steps
         share, travelled = stair(up, down, slope, before, after)
         while min(up, down) > 0 and max(up, down) > 1 and np.diff(share).min() < least:
@@ -484,7 +511,7 @@ class CrossingPlanner:
         room = [outside if n in (0, count - 1) else least for n in range(count)]
         knots.s = [self._snapped(one, 2 * n < count, room[n]) for n, one in enumerate(knots.s)]
         inside = knots.s[0] > spot.bound[0] - outside and knots.s[-1] < spot.bound[1] + outside
-        return inside and bool(np.all(np.diff(knots.s) > 0.5 * SHORTEST))
+        return inside and bool(np.all(np.diff(knots.s) > 0.5 * shortest_block(spot.feed)))
 
     def _parts(self, knots: _Knots, points: Array, places: Array, *, coarse: bool) -> tuple[CrossingPart, ...]:
         """Cut a crossing at the ends of motions; their ends are shifted onto its blocks.

@@ -159,6 +159,19 @@ def hilbert(size: float, feed: float) -> str:
     return one_cut(np.array(places), feed)
 
 
+def koch(size: float, feed: float) -> str:
+    """Write a curve of Koch's, 256 lines of a size [mm]: in most corners an axis turns back."""
+    turns = "F"
+    for _ in range(4):
+        turns = turns.replace("F", "F+F--F+F")
+    way, places = 1.0 + 0.0j, [0.0j]
+    for one in turns:
+        way *= {"+": np.exp(1j * np.pi / 3), "-": np.exp(-1j * np.pi / 3)}.get(one, 1.0)
+        if one == "F":
+            places.append(places[-1] + size * way)
+    return one_cut(np.array(places), feed)
+
+
 def hatching(length: float, step: float, feed: float) -> str:
     """Write 60 lines there and back, a step apart [mm]."""
     ends = [(length * ((k + 1) // 2 % 2), step * (k // 2)) for k in range(120)]
@@ -184,6 +197,26 @@ def test_a_short_rest_between_two_corners_is_time_enough(text: str, most: float,
     assert found.time is not None
     assert found.rms[1] < 0.02 * found.rms[0]
     assert found.time[1] <= (1.0 + most) * found.time[0]
+
+
+@pytest.mark.parametrize("dialect", ["linuxcnc", "grbl"])
+@pytest.mark.parametrize(
+    ("size", "feed"),
+    [
+        pytest.param(0.0144, 10.0, id="lines shorter than the backlash"),
+        pytest.param(0.05, 10.0, id="lines as long"),
+        pytest.param(0.0144, 4.0, id="still slower"),
+    ],
+)
+def test_a_motor_crosses_behind_a_corner_that_the_path_leaves_slowly(size: float, feed: float, dialect: str) -> None:
+    """Stops would take a quarter of the time at least, 2 √(g/a) each, and on LinuxCNC a multiple of that."""
+    found = judge(Entry("cut", Path("cut.nc"), dialect, koch(size, feed)))
+    assert found.compensated == found.reversals > 100
+    assert found.followed == found.shown
+    assert found.rms is not None
+    assert found.time is not None
+    assert found.rms[1] < 0.2 * found.rms[0]
+    assert found.time[1] <= 1.105 * found.time[0]
 
 
 def test_two_axes_that_rest_on_one_line_do_not_cross_on_all_of_it() -> None:

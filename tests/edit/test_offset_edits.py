@@ -362,10 +362,22 @@ def test_an_approach_is_so_slow_that_friction_stops_the_table() -> None:
 
 
 def test_a_shift_of_its_own_is_no_slower_than_a_motor_can_be_where_the_path_is_exact() -> None:
-    """At 10 mm/min it would take 0.36 s; where corners are rounded the cut beside it would become faster."""
-    text = START + "G1 X10 F10\nX0\nX10\nM2\n"
-    for dialect, fastest in (("grbl", np.sqrt(0.25 * 60e-6)), ("linuxcnc", 10.0 * MM / 60.0)):
+    """At 30 mm/min it would take 0.12 s; where corners are rounded the cut beside it would become faster.
+
+    There it is rounded within 4 µm.
+    """
+    text = START + "G1 X10 F30\nX0\nX10\nM2\n"
+    for dialect, fastest in (("grbl", np.sqrt(0.25 * 60e-6)), ("linuxcnc", np.sqrt(0.25 * 4e-6))):
         stops = plan(text, dialect=dialect, machine=replace(STEPPER, dialect=dialect)).stops
         inside = [shift.velocity for stop in stops if not stop.approach for shift in stop.shifts if shift.whole]
         assert len(inside) == 2
         assert inside == pytest.approx([fastest, fastest])
+
+
+def test_a_motor_crosses_behind_a_corner_while_the_path_leaves_it_slowly() -> None:
+    """At 10 mm/min its way is 5 µm meanwhile, for which the table waits; at 30 mm/min it would be too much."""
+    for feed, count in ((10, 2), (30, 0)):
+        text = START + f"G1 X10 F{feed}\nX0\nX10\nM2\n"
+        crossings = plan(text, dialect="grbl", machine=replace(STEPPER, dialect="grbl")).crossings
+        assert len(crossings) == count
+        assert all(one.length < 6e-6 for one in crossings)
