@@ -26,7 +26,7 @@ from ph_post.edit.preconditions import why_indivisible, why_kept_whole
 from ph_post.gcode.motion_parts import part_length
 from ph_post.gcode.program import ARC, AXES, LINE, RAPID, PartProgram
 from ph_post.gcode.working import working_motions
-from ph_post.types import Array, Machine
+from ph_post.types import Array, Machine, RoundedPath
 from ph_post.units import MM
 
 HELD: Final = 0.75
@@ -46,6 +46,12 @@ CORNER: Final = 0.3
 
 MOVES: Final = 0.1
 """Part of the way that an axis has where it comes to a stop."""
+
+TWICE: Final = 2.0
+"""Times the slow part of an arc that is passed slowly, in two pieces, where the controller rounds joints.
+
+Rounded centres leave a joint that is hardly one. LinuxCNC blends it at the greater feed, and the first piece with it.
+"""
 
 LEFT: Final = 0.2 * MM
 """Shortest part of a motion that keeps its feed [m]."""
@@ -114,6 +120,7 @@ class _Finder:
         self._gap = max((machine.axes[AXES[column]].gap.lost_motion for column in self._slows), default=0.0)
         self._caps: dict[int, list[tuple[float, float]]] = {}
         motions = program.motions
+        self._blends = isinstance(dialect.planner, RoundedPath)
         modes = np.array([modal.feed_mode == 94 for modal in program.modal], dtype=np.bool_)
         usual = (motions.feed > 0.0) & ~(motions.duration > 0.0) & (motions.exact == 0)
         self._usual = usual & modes[program.state[motions.block]] & np.isin(motions.kind, (LINE, ARC))
@@ -165,6 +172,9 @@ class _Finder:
             if why_kept_whole(self._program, motion) or length == 0.0:
                 return
             self._cap(motion, share, speed)
+            before = 1.0 - TWICE * need / length
+            if self._blends and motions.kind[motion] == ARC and before * length > LEFT:
+                self._cap(motion, before, speed)
             need -= (1.0 - share) * length
             motion -= 1
 

@@ -130,8 +130,9 @@ def _planned(program: PartProgram, machine: Machine, dialect: Dialect, options: 
     warnings = [*said, *warn_blocked(program, blocked), *warn_unknown(program, amplitude), *afforded.warnings]
     warnings += beam.warn_left([runs[run] for run in sorted(unmarked)])
     warnings += contours.words(refused, radii, edits.offset)
-    if needed > sum(feeds.times):
-        allows = round_up(max(needed / total / SHARE, options.pace * (needed / total + afforded.slowdown)))
+    allows = round_up(max(needed / total / SHARE, options.pace * (needed / total + afforded.slowdown)))
+    # Where the time allows them, they were tried, and something else is at fault.
+    if needed > sum(feeds.times) and allows > options.max_slowdown + slower:
         warnings.append(
             "friction would hold all tables at lower feeds on tight arcs and before stops, which would add"
             f" {needed:.2g} s: --max-slowdown {allows:g} allows them"
