@@ -472,10 +472,11 @@ class ChangeWriter:
         self._rest(stop.pause)
         # Each sum is rounded, not each step: what is out and back again then comes back.
         base, moved = offset.copy(), np.zeros(3)
+        unfed = bool(self._unfed[words.motion])
         # Where rapids take the feed in force and none is known yet, nothing could set it back behind a jog.
-        rapid = stop.rapid or (self._dialect.syntax.rapid_feed and self._feeds.after(words.block) is None)
+        rapid = stop.rapid or (self._dialect.syntax.rapid_feed and self._feeds.after(words.block) is None and not unfed)
         # The first F of a chain without a known feed may stand behind its first rapid.
-        rapid |= stop.approach and bool(self._unfed[words.motion])
+        rapid |= stop.approach and unfed
         for shift in stop.shifts:
             axis = AXES.index(shift.axis)
             moved[axis] += shift.travel
@@ -485,7 +486,7 @@ class ChangeWriter:
                 self._add("G0", words.jog(axis, offset, share))
                 self._rest(shift.pause)
                 continue
-            if self._unfed[words.motion]:
+            if unfed:
                 self._mode = "G1"
                 self._add("G1", words.jog(axis, offset, share))
                 self._rest(shift.pause)

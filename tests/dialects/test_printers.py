@@ -195,6 +195,20 @@ def test_a_table_with_play_follows_a_plotters_program(dialect: str, head: str, b
     assert 5.0 * judged.rms[1] < judged.rms[0]
 
 
+@pytest.mark.parametrize("dialect", PRINTERS)
+@pytest.mark.parametrize("way", ["G0", "G1"])
+def test_a_table_with_play_follows_a_program_without_a_feed(dialect: str, way: str) -> None:
+    """All moves are at the firmware's own feed, which no F could set back."""
+    cuts = [f"G1 X{x} Y{y}" for x, y in ((30, 10), (30, 20), (5, 20), (5, 15), (40, 15), (20, 30), (60, 35), (0, 40))]
+    text = "\n".join(["G21", "G90", "G28", f"{way} Z5", f"{way} X10 Y10", "G1 Z0", *cuts, f"{way} Z5", ""])
+    made = compensated(read(text, dialect), stepper(dialect), find_dialect(dialect))
+    assert not re.search(rb"^[^;]*F", made, re.MULTILINE)
+    judged = compare(Judged("compensated"), dialect, text.encode(), made)
+    assert judged.shown >= 4
+    # The first move of a program that has no rapids comes from an unknown side.
+    assert judged.followed >= judged.shown - (way == "G1")
+
+
 @pytest.mark.parametrize("dialect", ["marlin", "klipper"])
 def test_text_is_named_and_seen_through(dialect: str) -> None:
     program = read("G90\nG1 X0 Y0 F600\n# layer 2, G1 X9\nG1 X10\n", dialect)
