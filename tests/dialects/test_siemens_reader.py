@@ -160,6 +160,10 @@ def test_what_moves_nothing(line: str) -> None:
         ("ROT RPL=30", "ROT RPL=0", False),
         ("ROT RPL=30", "AROT", False),
         ("TRAORI", "ROT", False),
+        ("ROT RPL=30", "TRANS X5", True),
+        ("TRAORI", "TRANS X5", False),
+        ('CYCLE800(1,"",0,57,0,0,0,0,30,0,0,0,0)', "TRANS", False),
+        ("TOFRAME", "TRANS Y5", False),
     ],
 )
 def test_a_frame_of_the_program_ends_with_its_word_alone(turned: str, ended: str, known: bool) -> None:

@@ -317,10 +317,11 @@ class _Line:
             self._refuse(word, FORGOTTEN if word.name.startswith(tables.CYCLES) else NOT_UNDERSTOOD)
 
     def _to_frame(self, word: Word, code: str) -> None:
-        """Note that the frame is another; alone a word of a program's own frame ends all that makes that one."""
-        alone = len(self.words) == 1 and word.name in tables.CLEARING and self.modes.frames <= tables.PROGRAMMABLE
-        self.parts.append("G69" if alone else code)
-        if not alone:
+        """Note that the frame is another: a word that begins the program's own one anew turns no other one back."""
+        own = self.modes.frames <= tables.PROGRAMMABLE
+        alone = len(self.words) == 1 and word.name in tables.CLEARING
+        self.parts.append("G69" if own and alone else code if own or code != "G69" else "")
+        if not (own and alone):
             self.modes.frames.add(word.name)
         self._refuse(word)
 

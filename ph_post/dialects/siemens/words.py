@@ -73,12 +73,15 @@ FRAMES: Final[Mapping[str, str]] = {
     "PAROTOF": "",
     **dict.fromkeys(_TURNING_WORDS.split(), "G68"),
 }
-"""Words that move the frame (empty), turn it (G68), or replace it by one that is only moved (G69)."""
+"""Words that move the frame (empty), turn it (G68), or replace what the program made by what is only moved (G69)."""
 
 PROGRAMMABLE: Final = frozenset(
     ("TRANS", "ATRANS", "G58", "G59", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR")
 )
-"""Words of the frame that a program makes, all of which one of `CLEARING` ends that stands alone."""
+"""Words of the frame that a program makes, $P_PFRAME: the last of a chain, in which those of a swivelled plane or a
+transformation stand before it (Function Manual, K2, 08/2005, 6FC5397-0BP10-0BA0, p. 1-7). TRANS, ROT, SCALE and MIRROR
+replace it; one of `CLEARING` alone leaves nothing of it (SINUMERIK ONE NC Programming, 12/2019, 6FC5398-2EP40-0BA0,
+2.12, where each has a block of its own, p. 309)."""
 
 CLEARING: Final = frozenset(("ROT", "SCALE", "MIRROR"))
 
