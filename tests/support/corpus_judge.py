@@ -247,6 +247,8 @@ def in_the_work(made: Places, original: Places) -> Places:
     """
     motor, cuts = made
     kept = cuts.copy()
+    if len(motor) == 1:
+        return motor, kept
     # Before the first move it stands where nobody knows.
     top, bottom = motor[1:, 2].max(), motor[1:, 2].min()
     flat = bool(top - bottom <= 4.0 * GAP)
