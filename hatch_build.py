@@ -6,6 +6,7 @@ processor, this Python and this numba; where another is found it is not used, an
 
 from __future__ import annotations
 
+import compileall
 import os
 import shutil
 import subprocess
@@ -35,6 +36,8 @@ class CompilingHook(BuildHookInterface[Any]):
         """Run the commands on a copy of the package, or on the package itself for an editable installation."""
         self.folder = Path(tempfile.mkdtemp(prefix="ph-post-build-"))
         if version == "editable":
+            # Sources read anew are half of a start; other installations get bytecode from pip.
+            compileall.compile_dir(str(Path(self.root, "ph_post")), quiet=2)
             self.compile_in(Path(self.root))
             return
         without = shutil.ignore_patterns("__pycache__")

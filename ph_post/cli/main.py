@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import importlib
 import keyword
 import os
@@ -43,6 +45,9 @@ COMMANDS = (
 COMPLETE_VARIABLE = "_PH_POST_COMPLETE"
 """Where a shell says that it wants words to be completed; the name is click's for a program `ph-post`."""
 
+OBJECTS_BETWEEN_COLLECTIONS = 200_000
+"""New objects after which Python looks for cycles. What a start makes is hardly more, and nearly all of it stays."""
+
 _HELP_PAGE = getattr(click.exceptions, "NoArgsIsHelpError", ())
 """How newer click says that nothing but its name was given; older ones print the help page themselves."""
 
@@ -81,6 +86,8 @@ def cli() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 0 done, 1 difference or miss, 2 bad usage or input."""
+    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
+    atexit.register(gc.freeze)  # a process that ends has no use for a last look at them
     state: dict[str, bool] = {}  # what a command says of itself: "debug", "one_line"
     try:
         result = cli.main(arguments, prog_name="ph-post", standalone_mode=False, obj=state)
