@@ -51,7 +51,8 @@ class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     """What a compensated program does to the part: the sections it makes worse, and its time over the original's.
 
     `runs_on` are those of them that only a table makes worse which runs on in its backlash. `slowdown` is found by
-    running it, `planned` what was reckoned for it; `rms` is the error of the whole program [m].
+    running it, `planned` what was reckoned for it; `rms` is the error of the whole program [m]. `places` are the
+    motions in which nothing but the largest error of such a section is larger, first and last of each stretch of them.
     """
 
     worse: frozenset[int]
@@ -59,6 +60,7 @@ class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     planned: float
     rms: float = 0.0
     runs_on: frozenset[int] = frozenset()
+    places: tuple[tuple[int, int], ...] = ()
 
 
 def compare_motions(before: ProgramMotion, after: ProgramMotion, planned: float) -> GuardFinding | None:
@@ -82,12 +84,14 @@ def compare_motions(before: ProgramMotion, after: ProgramMotion, planned: float)
         if max(before.time, after.time) > LONGEST_SIMULATED:
             return None
         errors = [_section_errors(motion) for motion in (before, after)]
+        stays, *runs = (_worse_sections(one, other) for one, other in zip(*errors, strict=True))
+        places = _worse_places(after, errors[0][0], errors[1][0], stays.difference(*runs))
     except (PhPostError, MemoryError):
         return None
-    stays, *runs = (_worse_sections(one, other) for one, other in zip(*errors, strict=True))
     return GuardFinding(
         worse=stays.union(*runs),
         runs_on=frozenset().union(*runs) - stays,
+        places=places,
         slowdown=after.time / max(before.time, 1e-9) - 1.0,
         planned=planned,
         rms=float(errors[1][0][-1, 1]),
@@ -102,6 +106,24 @@ def _worse_sections(one: Array, other: Array) -> frozenset[int]:
     if not worse.any() and (other[-1] > WORSE * one[-1] + LEAST).any():
         worse = _blamed(one, other)
     return frozenset(np.flatnonzero(worse).tolist())
+
+
+def _worse_places(after: ProgramMotion, one: Array, other: Array, worse: frozenset[int]) -> tuple[tuple[int, int], ...]:
+    """Return the motions, first and last, in which sections are worse whose largest errors alone have grown."""
+    alone = [n for n in worse if (other[n, 1:] <= one[n, 1:]).all() and other[n, 0] > WORSE * one[n, 0] + SMALL]
+    if not alone:
+        return ()
+    cut = after.cut
+    low, _ = section_spans(after.original.motions)
+    motion = cut.motion[cut.counted]
+    section = np.searchsorted(low, motion, side="right") - 1
+    apart = np.max(
+        run_scenarios(cut.counted_distances, [one for one in cut.scenarios() if is_nominal(one)]),
+        axis=0,
+    )
+    found = np.unique(motion[np.isin(section, alone) & (apart > WORSE * one[section, 0] + SMALL)])
+    runs = np.split(found, np.flatnonzero(np.diff(found) > 1) + 1)
+    return tuple((int(run[0]), int(run[-1])) for run in runs if run.size)
 
 
 def _outweighed(one: Array, other: Array) -> BoolArray:

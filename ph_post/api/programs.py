@@ -38,7 +38,7 @@ from ph_post.edit.cutter_contours import LEFT
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
 from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.preconditions import reckoned_feeds, require_tool, warn_reckoned
-from ph_post.edit.reversal_search import section_words, stretch_words
+from ph_post.edit.reversal_search import stretch_words
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.undo import original_of
 from ph_post.edit.window_plans import PlannedWindows, WindowPlan, edit_windows, plan_windows, shifts_axes
@@ -412,7 +412,7 @@ class _PlanSearch:
             self._enough = min(self._enough, judged.slowdown)
         tighter = tightened(options, judged, self._request.edit.max_slowdown, self._count)
         if tighter is not None:
-            return self._less(made.edits, judged, options, tighter)
+            return self._less(made.edits, judged, options, self._parting(tighter, judged, options))
         if self._kept is None or judged.rms <= self._kept[1].rms:
             self._best = made
             self._kept = options, judged
@@ -431,10 +431,10 @@ class _PlanSearch:
         if judged.worse and edits.short and not self._divided:
             # One axis alone may leave the part worse than none.
             return self._in_parts(options)
-        if tighter.left:
-            where = section_words(self._original, tighter.left)
+        if tighter.left or tighter.stretches:
+            where = stretch_words(self._original, self._left_alone(tighter))
             why = "worse where a table runs on in its backlash"
-            if tighter.left - judged.runs_on:
+            if tighter.stretches or tighter.left - judged.runs_on:
                 why = "no better; a path mode that rounds corners less may help" if self._rounds else "no better"
             self._said = (f"not compensated in {where}: the part would be {why}",)
         return tighter
@@ -467,11 +467,26 @@ class _PlanSearch:
                 raise refusal(original.name, verdict)
             failed = frozenset(range(self._count)) - options.left
         options = replace(options, left=options.left | failed, stretches=(*options.stretches, *stretches))
-        low, high = section_spans(original.motions)
+        where = stretch_words(original, self._left_alone(options))
+        self._said = (f"not compensated in {where}: a change would not pass the check",)
+        return options
+
+    def _left_alone(self, options: EditOptions) -> Places:
+        """Return the stretches that are left as they are: sections, and parts of others."""
+        low, high = section_spans(self._original.motions)
         left = [(int(low[n]), int(high[n])) for n in options.left]
         left += [one for one in options.stretches if not any(a <= one[0] and one[1] <= b for a, b in left)]
-        self._said = (f"not compensated in {stretch_words(original, sorted(left))}: a change would not pass the check",)
-        return options
+        return tuple(sorted(left))
+
+    def _parting(self, tighter: EditOptions, judged: GuardFinding, options: EditOptions) -> EditOptions:
+        """Leave of sections whose largest error alone is worse no more than the motions about it, the first time."""
+        stretches, whole = self._parted(judged.places)
+        if not stretches:
+            return tighter
+        low, _ = section_spans(self._original.motions)
+        parted = set((np.searchsorted(low, [first for first, _ in stretches], side="right") - 1).tolist()) - whole
+        left = options.left | with_neighbours(judged.worse - parted, options.left, self._count)
+        return replace(tighter, left=left, stretches=(*options.stretches, *stretches))
 
     def _parted(self, places: Places) -> tuple[Places, frozenset[int]]:
         """Return the stretches about places, and the sections of which no more is left, or a part was left before."""

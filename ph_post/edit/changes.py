@@ -477,26 +477,25 @@ class ChangeWriter:
         rapid = stop.rapid or (self._dialect.syntax.rapid_feed and self._feeds.after(words.block) is None and not unfed)
         # The first F of a chain without a known feed may stand behind its first rapid.
         rapid |= stop.approach and unfed
-        for shift in stop.shifts:
-            axis = AXES.index(shift.axis)
-            moved[axis] += shift.travel
-            offset[axis] = base[axis] + round(moved[axis] / step)
-            if rapid:
-                self._mode = "G0"
-                self._add("G0", words.jog(axis, offset, share))
-                self._rest(shift.pause)
+        for shifts in stop.moves:
+            for shift in shifts:
+                axis = AXES.index(shift.axis)
+                moved[axis] += shift.travel
+                offset[axis] = base[axis] + round(moved[axis] / step)
+            places = [words.jog(AXES.index(shift.axis), offset, share) for shift in shifts]
+            if rapid or unfed:
+                self._mode = "G0" if rapid else "G1"
+                self._add(self._mode, *places)
+                self._rest(shifts[-1].pause)
                 continue
-            if unfed:
-                self._mode = "G1"
-                self._add("G1", words.jog(axis, offset, share))
-                self._rest(shift.pause)
-                continue
-            rate = shift.velocity / (abs(shift.travel) if modal.feed_mode == 93 else modal.units) * MINUTE
-            feed = self._inverse(rate) if modal.feed_mode == 93 else self._digits(_lowered(rate))
+            rate = 1.0 / max(abs(shift.travel) / shift.velocity for shift in shifts)
+            if modal.feed_mode != 93:
+                rate *= math.hypot(*(shift.travel for shift in shifts)) / modal.units
+            feed = self._inverse(rate * MINUTE) if modal.feed_mode == 93 else self._digits(_lowered(rate * MINUTE))
             new = [] if feed == self._feed and modal.feed_mode != 93 else [f"F{feed}"]
             self._feed, self._mode = feed, "G1"
-            self._add("G1", words.jog(axis, offset, share), *new)
-            self._rest(shift.pause)
+            self._add("G1", *places, *new)
+            self._rest(shifts[-1].pause)
 
     def _rest(self, pause: float) -> None:
         """Write a dwell, if there is one."""

@@ -65,6 +65,12 @@ class CrossingCosts:
             cost[jogs] = moves + np.where(alone, ahead, ahead / together[jogs]) + behind / together[jogs]
             rest = np.maximum(ahead, self._ground.planner.dwell(np.array(DWELL)))
             cost[jogs] += np.where(in_place[jogs], standing[jogs] + rest, 0.0)
+        # Axes that cross at a place without a rest do so in one move.
+        number, longest = np.zeros(cost.size, dtype=np.int64), np.zeros(count.size)
+        number[spots.jog] = place
+        moved = spots.jog & (cost == standing) & (spots.before != 0) & (spots.rows[:, SIGN] != 0.0)
+        np.maximum.at(longest, number[moved], cost[moved])
+        cost[moved] = (longest / np.maximum(np.bincount(number[moved], minlength=count.size), 1))[number[moved]]
         chords = spots.window[:, 2] > 0.0
         cost[chords] = self.of_chords(spots)[chords]
         if spots.whole.any():

@@ -61,6 +61,12 @@ class StopEdit(msgspec.Struct, frozen=True, kw_only=True):
         """True where nothing but backlash is crossed, without a dwell: a crossing in a corner."""
         return not (self.rests or self.approach) and all(shift.whole for shift in self.shifts)
 
+    @property
+    def moves(self) -> list[tuple[OffsetShift, ...]]:
+        """The shifts that are one move each: axes that cross their backlash at one place do so together."""
+        together = self.crosses and len({shift.axis for shift in self.shifts}) == len(self.shifts)
+        return [self.shifts] if together and self.shifts else [(shift,) for shift in self.shifts]
+
     def crosses_in(self, axis: str) -> bool:
         """Return whether it takes an axis through all of its backlash without a dwell, whatever the others do."""
         return not (self.rests or self.approach) and any(one.axis == axis and one.whole for one in self.shifts)

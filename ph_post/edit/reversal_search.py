@@ -356,17 +356,12 @@ class ReversalSearch:
 
     @cached_property
     def _floating(self) -> BoolArray:
-        """Mask (c, 3) of what is shifted by itself and the axes that nothing but increments moves there."""
-        motions = self.program.motions
+        """Mask (c, 3) of what is shifted by itself and the axes that nothing but increments moves in its chain."""
+        motions, chains = self.program.motions, chain_spans(self.program.motions)[0]
         moves = (motions.start != motions.end) & ~np.isnan(motions.end)
-        placed = np.logical_or.reduceat(moves & self._absolute[:, None], self._whole)
-        return np.asarray(np.logical_or.reduceat(moves, self._whole) & ~placed)
-
-
-def section_words(program: PartProgram, sections: Collection[int]) -> str:
-    """Name the lines of sections for a warning, the first few stretches of them."""
-    low, high = section_spans(program.motions)
-    return stretch_words(program, [(int(low[n]), int(high[n])) for n in sorted(sections)])
+        placed = np.logical_or.reduceat(moves & self._absolute[:, None], chains)
+        found = np.logical_or.reduceat(moves, chains) & ~placed
+        return np.asarray(found[np.searchsorted(chains, self._whole, side="right") - 1])
 
 
 def stretch_words(program: PartProgram, stretches: Sequence[tuple[int, int]]) -> str:

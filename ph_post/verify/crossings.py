@@ -442,12 +442,12 @@ def _shifted(sides: Array) -> list[Array]:
 
 
 def _at_corner(case: VerifyCase, found: Stretches, still: BoolArray) -> BoolArray:
-    """Mask of the motions of the program that move one axis alone while the path stands still."""
+    """Mask of the motions of the program that move axes while the path stands still."""
     motions = case.compensated.motions
     mask = np.zeros(motions.kind.size, dtype=bool)
     own = found.new.motion[still & (motions.kind[found.new.motion] == LINE)]
     way = np.nan_to_num(np.abs(motions.end[own] - motions.start[own]))
-    mask[own[np.count_nonzero(way > EXACT, axis=1) == 1]] = True
+    mask[own[np.any(way > EXACT, axis=1)]] = True
     return mask
 
 

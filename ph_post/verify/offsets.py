@@ -94,7 +94,7 @@ def largest_of(values: Array, first: IntArray, last: IntArray) -> Array:
 
 
 def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
-    """Check that every motion of one axis while the path rests has a feed that it can reach within its limits.
+    """Check that every motion while the path rests has a feed that its axes can reach within their limits.
 
     With a laser whose power follows the speed (M4) it may have the feed of the cut before or behind it: at a lower one
     the same power would stay longer on the same place. Beside a cut at a feed that is not known it has that feed.
@@ -103,12 +103,15 @@ def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
     beside = _feeds_with_a_beam(case, alone, machine)[jogs]
     ways = np.nan_to_num(np.abs(motions.end[jogs] - motions.start[jogs]))
     timed = motions.duration[jogs]
-    axis, length = np.argmax(ways, axis=1), np.max(ways, axis=1, initial=0.0)
+    longest, total = np.argmax(ways, axis=1), np.linalg.norm(ways, axis=1)
     with np.errstate(divide="ignore"):
-        feed = np.where(timed > 0.0, length / timed, motions.feed[jogs])
-    unfed = np.isnan(feed) & _unfed_beside(motions, alone)[jogs]
-    for column in np.unique(axis).tolist():
-        name, own = AXES[column], np.flatnonzero(axis == column)
+        along = np.where(timed > 0.0, total / timed, motions.feed[jogs])
+    unfed = np.isnan(along) & _unfed_beside(motions, alone)[jogs]
+    for column, length in enumerate(ways.T):
+        name, own = AXES[column], np.flatnonzero((longest == column) | (length > EXACT))
+        if not own.size:
+            continue
+        feed = along * np.where(total > 0.0, length / np.where(total > 0.0, total, 1.0), 1.0)
         if name not in machine.axes:
             block = int(motions.block[jogs[own[0]]])
             case.findings.add("limits", f"the machine has no axis {name}", compensated=block)

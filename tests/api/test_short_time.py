@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec import structs
-from support.corpus import Entry
+from support.corpus import Entry, stepper
 from support.corpus_judge import judge
 from support.editing import with_edits
 from support.random_cuts import random_cut
@@ -217,6 +217,45 @@ def test_a_motor_crosses_behind_a_corner_that_the_path_leaves_slowly(size: float
     assert found.time is not None
     assert found.rms[1] < 0.2 * found.rms[0]
     assert found.time[1] <= 1.105 * found.time[0]
+
+
+@pytest.mark.parametrize("dialect", ["linuxcnc", "grbl"])
+def test_axes_that_turn_at_one_place_cross_in_one_move(dialect: str, tmp_path: Path) -> None:
+    """Lines there and back along a diagonal: each stop takes as long as the slowest axis, not as all of them."""
+    turns = [0.0, 2.0 + 1.0j] * 20
+    text = one_cut(np.array(turns), 600.0)
+    found = judge(Entry("cut", Path("cut.nc"), dialect, text))
+    assert found.compensated == found.reversals > 70
+    assert found.followed == found.shown
+    assert found.time is not None
+    # X takes 0.028 s from rest to rest, and Y 0.032 s.
+    assert found.time[1] - found.time[0] < 38 * 0.045
+    (tmp_path / "cut.nc").write_text(text, encoding="utf-8")
+    made = ph.compensate(tmp_path / "cut.nc", stepper(dialect))
+    assert isinstance(made, ProgramCompensation)
+    after = made.program().decode()
+    assert after.count("crossing X") == after.count("crossing Y") == 38
+    assert len(re.findall(r"crossing Y.\)\nG1 ?X[-.\d]+ ?Y[-.\d]+", after)) == 38
+
+
+def test_a_section_is_left_no_more_than_about_the_place_where_it_is_worse(tmp_path: Path) -> None:
+    """G64 without P rounds the corner behind the plunge by 0.36 mm, and by 4 % more beside an offset."""
+    angle = np.radians(4.5) * np.arange(201)
+    places = np.column_stack([np.cos(angle), np.sin(angle)]) * (50.8 - 0.0635 * np.arange(201))[:, None]
+    lines = "".join(f"G1 X{x:.4f} Y{y:.4f}\n" for x, y in np.diff(places.round(4), axis=0))
+    text = f"G21 G64 G90\nG0 Z25.4\nG0 X50.8 Y0\nG1 Z-2.54 F609.6\nG91\n{lines}G90 G0 Z25.4\nM2\n"
+    (tmp_path / "cut.ngc").write_text(text, encoding="utf-8")
+    made = ph.compensate(tmp_path / "cut.ngc", stepper("linuxcnc"))
+    assert isinstance(made, ProgramCompensation)
+    done, every = counts(made)
+    assert done >= every - 1 > 8
+    assert any("not compensated in lines 2 to 8: the part would be no better" in one for one in made.warnings)
+    assert made.before.error is not None
+    assert made.after.error is not None
+    assert made.after.error.max < 1.01 * made.before.error.max
+    found = judge(Entry("cut", Path("cut.ngc"), "linuxcnc", text))
+    assert found.rms is not None
+    assert found.rms[1] < 0.5 * found.rms[0]
 
 
 def test_two_axes_that_rest_on_one_line_do_not_cross_on_all_of_it() -> None:

@@ -60,7 +60,7 @@ L F1200
 L Y+7.96 F240
 L F1200
 15 CC X-30 Y+0
-; ph-post: +15 -1 crossing X-, crossing X+, crossing Y+
+; ph-post: +14 -1 crossing X-, crossing X+, crossing Y+
 16 CC X-29.97 Y-0.04
 C X-20.5433 Y+0.3307 DR-
 L X-20.5359 Y+0.1418 F1199
@@ -72,8 +72,7 @@ L X-20.5959 Y-0.2218 F809.9
 L X-20.6033 Y-0.4107 F1199
 CC X-30.03 Y-0.04
 C X-25.03 Y-8.04 DR- F1200
-L X-24.97 F232.3
-L Y-7.96 F240
+L X-24.97 Y-7.96 F300
 CC X-30 Y+0
 L F1200
 17 L X-19.97 Y+0.04

@@ -22,7 +22,7 @@ L Y+0.04 F240
 L Z+1 FMAX
 L Z-1 F300
 CC IX+6 IY+0
-; ph-post: +68 -3 crossing Y-, crossing X-, crossing Y+, crossing X+
+; ph-post: +67 -3 crossing Y-, crossing X-, crossing Y+, crossing X+
 CC X+6.03 Y+0.04
 C X+5.7344 Y+6.0327 DR- F800
 L X+5.8867 Y+6.0402 F799.6
@@ -87,14 +87,12 @@ L X+5.8638 Y+2.6784 F587.7
 L X+5.8045 Y+2.6687 F574.2
 L X+5.6287 Y+2.6612 F799.6
 CR X-0.03 Y-0.04 R+8 DR+ F800
-L X+0.03 F232.3
-L Y+0.04 F240
+L X+0.03 Y+0.04 F300
 CC X+6 Y+0
 L F800
 L X+20.03 Y+3.04 M8
-; ph-post: +3 -0 crossing X-, crossing Y-
-L X+19.97 F232.3
-L Y+2.96 F240
+; ph-post: +2 -0 crossing X-, crossing Y-
+L X+19.97 Y+2.96 F300
 L F800
 L X-4.03
 ; ph-post: +2 -0 crossing X+
@@ -103,9 +101,8 @@ L F800
 CYCL DEF 9.0 DWELL TIME
 CYCL DEF 9.1 DWELL 0.5
 L X+6.03 Y-7.04
-; ph-post: +3 -0 crossing X-, crossing Y+
-L X+5.97 F232.3
-L Y-6.96 F240
+; ph-post: +2 -0 crossing X-, crossing Y+
+L X+5.97 Y-6.96 F300
 L F800
 L IX-6 IY+7
 L Z+5 FMAX

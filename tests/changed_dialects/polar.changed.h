@@ -66,7 +66,7 @@ L FQ52
 L X+263.2504 Y-52.46 F217.3
 L X+302.03 FQ52
 33 CC  X+302  Y-40
-; ph-post: +25 -1 crossing X-, crossing Y-, crossing X+, crossing Y+
+; ph-post: +24 -1 crossing X-, crossing Y-, crossing X+, crossing Y+
 34 CC X+302.03 Y-39.96
 C X+314.5299 Y-40.0102 DR+
 L X+314.5233 Y-39.989 F210.6
@@ -88,8 +88,7 @@ L X+289.5151 Y-40.0587 F270.5
 L X+289.5301 Y-40.0902 F221.5
 CC X+302.03 Y-40.04
 C X+302.03 Y-52.54 DR+ FQ52
-L X+301.97 F202
-L Y-52.46
+L X+301.97 Y-52.46 F252.5
 CC X+302 Y-40
 L FQ52
 35 L  Y+0.04 FQ52

@@ -252,6 +252,27 @@ def test_the_move_across_a_corner_keeps_the_limits_of_its_axis(tmp_path):
     assert "limits" in kinds(verdict)
 
 
+def in_one_move(text):
+    """The program with its two axes in a corner, which cross in one move."""
+    joined = re.sub(r"G1 X9\.975 F300\nG1 Y7\.975(?: F\S+)?\n", "G1 X9.975 Y7.975 F424\n", text)
+    assert joined != text
+    return re.sub(r"\+(\d+) (-\d+ crossing X)", lambda found: f"+{int(found[1]) - 1} {found[2]}", joined)
+
+
+def test_two_axes_may_cross_in_one_move(tmp_path):
+    """Each has its part in the feed: √2 times 424 mm/min together."""
+    machine = bench(tmp_path, X=(0.05, "both"), Y=(0.05, "both"))
+    original, text = on(machine, "two axes in a corner")
+    one = in_one_move(text)
+    verdict = judged(original, one, machine)
+    assert verdict.ok
+    assert verdict.checked["crossings"] == 2
+    assert judged(original, one.replace("Y7.975 F424", "Y7.975 F599"), machine).ok
+    assert "limits" in kinds(judged(original, one.replace("Y7.975 F424", "Y7.975 F602"), machine))
+    for wrong in ("Y7.965", "Y8.025", "Y8.075"):
+        assert not judged(original, one.replace("Y7.975 F424", f"{wrong} F424"), machine).ok
+
+
 def test_no_crossing_lies_under_cutter_compensation():
     original, text = pair("edges")
     digest = re.search("original sha256 ([0-9a-f]+)", text)[1]
