@@ -275,14 +275,18 @@ def side_warnings(axes: Iterable[Axis]) -> list[str]:
     []
     """
     given = list(axes)
-    own = [axis for axis in given if may_shift(axis)]
     varies = [
         f"the backlash of axis {axis.name} changes along its travel, but its lasting offset does not"
         for axis in given
         if not axis.loop.encloses_backlash and backlash_varies(axis)
     ]
-    brakes = [(axis, braked(axis)) for axis in own]
-    return [*varies, *(_run_on_warning(axis, slows) for axis, slows in brakes if math.isfinite(slows))]
+    return [*varies, *run_on_warnings(given)]
+
+
+def run_on_warnings(axes: Iterable[Axis]) -> list[str]:
+    """Warn of axes whose friction is too small to hold the table in its backlash where the motor brakes."""
+    brakes = [(axis, braked(axis)) for axis in axes if may_shift(axis)]
+    return [_run_on_warning(axis, slows) for axis, slows in brakes if math.isfinite(slows)]
 
 
 def _run_on_warning(axis: Axis, brakes: float) -> str:

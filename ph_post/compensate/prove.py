@@ -13,6 +13,7 @@ from ph_post.compensate.friction import friction_of_machine
 from ph_post.compensate.layout import without_axes
 from ph_post.compensate.motion import cycle_time, without_strategy
 from ph_post.compensate.offsets import command_of, plan_time
+from ph_post.compensate.plan_warnings import run_on_warnings
 from ph_post.compensate.sizes import Sizes, sizes_of
 from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
 from ph_post.compensate.violations import check_command
@@ -132,7 +133,9 @@ def left_alone(name: str, result: StrategyResult, planner: Planner, why: str) ->
     """Return the plain plan, in which every turning point is left alone for a reason."""
     nothing = tuple(ProfileRequest(shape=None, note=why) for _ in result.requests)
     left = planner.plan(name, StrategyResult(requests=nothing, warnings=result.warnings))
-    return replace(left, phases=left.nominal, inverse_dynamics=False)
+    axes = (planner.machine.axes[name] for name in left.path.axes)
+    said = (*left.warnings, *(one for one in run_on_warnings(axes) if one not in left.warnings))
+    return replace(left, phases=left.nominal, inverse_dynamics=False, warnings=said)
 
 
 def _less_friction(part: float, ratio: float) -> float:

@@ -10,12 +10,12 @@ from __future__ import annotations
 import csv
 import json
 import math
-import warnings
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -32,6 +32,9 @@ MM = 1e3
 LIMITS = {"max_velocity_mm_s": 200, "max_acceleration_mm_s2": 1000, "max_jerk_mm_s3": 50000}
 DEPTH = -1.0
 """Z of the cut [mm]."""
+
+EFFORT = 0.1
+"""Part of the usual search."""
 
 BESIDE = 0.3
 """Time at either end of a table that is not counted [s]: its axes come onto their sides there."""
@@ -230,57 +233,67 @@ def distances(places: Floats, points: Floats) -> Floats:
     return best
 
 
-@dataclass(frozen=True)
-class Executed:
-    """Distances from the path of what was executed [m], by largest, root mean square; the time it took [s]."""
+class Executed(NamedTuple):
+    """Distances from the path of what was executed [m], largest and root mean square; the time [s]; what was said."""
 
     largest: float
     rms: float
     time: float
-    off: Floats
-    position: Floats
-    places: Floats
+    warnings: tuple[str, ...]
 
 
-def of_table(folder: Path, shape: str, file: Path, plants: tuple[Plant, Plant], effort: float = 0.1) -> Executed:
+def of_table(folder: Path, shape: str, file: Path, plants: tuple[Plant, Plant], effort: float = EFFORT) -> Executed:
     """What the plants make of the interpolator table by a machine file."""
     path, table = folder / f"{shape}.json", folder / f"{shape}.csv"
     path.write_text(path_text(shape))
-    ph.compensate(ph.read_path(path), ph.read_machine(file), output="table", effort=effort).write_table(table)
+    found = ph.compensate(ph.read_path(path), ph.read_machine(file), output="table", effort=effort)
+    found.write_table(table)
     rows = list(csv.DictReader(one for one in table.read_text().splitlines() if not one.startswith("#")))
     position = np.array([[float(row[name]) / MM for name in "XY"] for row in rows])
     t = np.array([float(row["t"]) for row in rows])
     counted = (t > BESIDE) & (t < t[-1] - BESIDE)
-    return _executed(shape, plants, position, counted, float(t[-1]))
+    return _executed(shape, plants, position, counted, found)
 
 
 def of_program(
-    folder: Path, shape: str, file: Path, plants: tuple[Plant, Plant], lead: bool = False, effort: float = 0.1
-) -> tuple[Executed, Any]:
-    """What the plants make of the part program by a machine file."""
+    folder: Path, shape: str, file: Path, plants: tuple[Plant, Plant], lead: bool = False, effort: float = EFFORT
+) -> Executed:
+    """What the plants make of the part program by a machine file: all of its cut."""
     program = folder / f"{shape}.ngc"
     program.write_text(program_text(shape))
     found = ph.compensate(ph.read_program(program), ph.read_machine(file), lead_program=lead, effort=effort)
     command = found.after.command.position
-    cutting = np.abs(command[:, 2] - DEPTH / MM) < 1e-9
-    moved = np.flatnonzero(cutting)
-    counted = np.zeros(len(command), dtype=bool)
-    counted[moved[0] : moved[-1] + 1] = True
-    return _executed(shape, plants, command[:, :2], counted, found.after.time), found
+    cutting = np.flatnonzero(np.abs(command[:, 2] - DEPTH / MM) < 1e-9)
+    counted = np.arange(len(command))
+    counted = (counted >= cutting[0]) & (counted <= cutting[-1])
+    return _executed(shape, plants, command[:, :2], counted, found)
 
 
-def _executed(shape: str, plants: tuple[Plant, Plant], position: Floats, counted: Any, time: float) -> Executed:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        places = followed(plants, position)
-    off = distances(places[counted], outline(shape))
-    return Executed(float(np.max(off)), float(np.sqrt(np.mean(off**2))), time, off, position[counted], places[counted])
+def _executed(shape: str, plants: tuple[Plant, Plant], position: Floats, counted: Any, found: Any) -> Executed:
+    off = distances(followed(plants, position)[counted], outline(shape))
+    return Executed(float(np.max(off)), float(np.sqrt(np.mean(off**2))), found.after.time, found.warnings)
 
 
 def diagnosed(machine: Machine, folder: Path) -> tuple[Path, Path]:
-    """Write a log, and the files before and after its diagnosis."""
+    """Write a log, and the files before and after its diagnosis; what is there already is left."""
     wrong, better, log = folder / "wrong.toml", folder / "better.toml", folder / "run.csv"
-    wrong.write_text(machine_text(machine.filed))
-    record(machine, log)
-    assert main(["diagnose", str(log), "-m", str(wrong), "-o", str(better)]) == 0
+    if not better.exists():
+        wrong.write_text(machine_text(machine.filed))
+        record(machine, log)
+        assert main(["diagnose", str(log), "-m", str(wrong), "-o", str(better)]) == 0
     return wrong, better
+
+
+def advised(file: Path, said: tuple[str, ...]) -> Path | None:
+    """Write a machine file with the accelerations [mm/s²] that were said to hold tables; None where none was."""
+    text = file.read_text()
+    found = re.findall(r"axis (\w) may run on.*?max_acceleration_mm_s2 = ([0-9.]+) or less", "\n".join(said))
+    for name, most in found:
+        before, own = text.split(f"[axes.{name}]\n", 1)
+        own = re.sub(r"max_acceleration_mm_s2 = .*", f"max_acceleration_mm_s2 = {most}", own, count=1)
+        text = f"{before}[axes.{name}]\n{own}"
+    if not found:
+        return None
+    slower = file.with_name("slower.toml")
+    slower.write_text(text)
+    return slower

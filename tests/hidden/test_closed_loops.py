@@ -1,0 +1,43 @@
+"""The loop closed on random cascades: what a person's file leaves of error, and what the diagnosed file leaves.
+
+`tests/long/closed_loops.json` has more of them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.support.closed_loops import advised, diagnosed, draw_machine, of_program, of_table
+
+
+@pytest.mark.slow
+def test_motors_behind_whose_encoders_tables_have_backlash_and_friction(tmp_path: Path) -> None:
+    machine = draw_machine(2, "motor")
+    wrong, better = diagnosed(machine, tmp_path)
+    for shape, play in (("circle", of_table), ("oval", of_table), ("oval", of_program)):
+        before, after = (play(tmp_path, shape, file, machine.true) for file in (wrong, better))
+        least = 5.0 if play is of_table else 4.0
+        assert after.largest < before.largest / least
+        assert after.rms < before.rms / 10.0
+    # Where its motors come to stops harder than friction does, a table is left alone, and it is said what helps.
+    before, left = (of_table(tmp_path, "pocket", file, machine.true) for file in (wrong, better))
+    slower = advised(better, left.warnings)
+    assert slower is not None
+    after = of_table(tmp_path, "pocket", slower, machine.true)
+    assert after.largest < before.largest / 5.0
+    assert after.rms < before.rms / 20.0
+
+
+@pytest.mark.slow
+def test_scales_on_tables_with_backlash_and_friction(tmp_path: Path) -> None:
+    machine = draw_machine(1, "load")
+    wrong, better = diagnosed(machine, tmp_path)
+    for shape in ("circle", "pocket", "oval"):
+        before, after = (of_table(tmp_path, shape, file, machine.true) for file in (wrong, better))
+        assert after.largest < before.largest / 5.0
+        assert after.rms < before.rms / 5.0
+    # A program crosses no backlash inside the loop and leads no friction, and says what does.
+    said = of_program(tmp_path, "circle", better, machine.true).warnings
+    assert any("friction of X and Y stays" in one and "--lead-program or --table leads it" in one for one in said)
