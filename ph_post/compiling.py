@@ -25,7 +25,6 @@ from types import ModuleType
 from typing import IO, Any, Final, TypeVar, cast
 
 import numpy as np
-from llvmlite import binding as llvm
 from numba import config, njit
 from numba.core import caching
 from numba.core import event as events
@@ -66,18 +65,6 @@ def _load_without_blas() -> None:
 
 
 _load_without_blas()
-
-
-def _forget_lock_events() -> None:
-    """Have numba not announce each time that it locks LLVM, to which nobody listens: a twentieth of a start."""
-    lock = getattr(getattr(llvm.ffi, "lib", None), "_lock", None)
-    callbacks = getattr(lock, "_cblist", None)
-    if isinstance(callbacks, list):  # another llvmlite keeps them elsewhere, and goes on
-        callbacks.clear()
-
-
-_load_without_blas()
-_forget_lock_events()
 
 
 class _CompileNotice(events.Listener):
