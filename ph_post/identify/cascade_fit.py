@@ -104,6 +104,9 @@ MUCH: Final = 0.7
 FRICTIONS: Final = (4e-6, 3e-5)
 """Friction that is tried first, F/K [m], where a cascade without any leaves too much."""
 
+IDLE_INTEGRAL: Final = 10.0
+"""T_n [s] from which on a velocity loop is one without an integrator: a thousand times what drives have."""
+
 NOTED: Final = 0.02
 """Part of a feed-forward from which on it is said that the dead time may make up for it."""
 
@@ -235,10 +238,18 @@ def with_backlash(problem: AxisProblem, base: DriveFit, axis_log: AxisLog) -> Ca
             if _is_complete(problem, joint):
                 best, verdict = joint, BacklashVerdict(joint, None)
                 break
-    best = _with_rare(problem, best)
+    best = _without_idle_integrator(problem, _with_rare(problem, best))
     if not _settles(best.plant):
         return None
     return CascadeFit(best, verdict, position_rms(problem, best.left, problem.held))
+
+
+def _without_idle_integrator(problem: AxisProblem, found: DriveFit) -> DriveFit:
+    """Take the integrator from a velocity loop whose T_n has gone beyond all that a drive can be set to."""
+    if not 0.0 < base_value(found.plant, "integral_rate") < 1.0 / IDLE_INTEGRAL:
+        return found
+    plain = with_base_value(found.plant, "integral_rate", 0.0)
+    return fit_drive(problem, plain, tuple(name for name in found.names if name != "integral_rate"), rounds=1)
 
 
 def _with_friction(problem: AxisProblem, plain: DriveFit, hidden: bool) -> DriveFit | None:

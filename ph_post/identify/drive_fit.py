@@ -51,6 +51,9 @@ QUICKEST: Final = 0.05
 """Shortest b/c, 1/ω_v or delay of a current loop in a fit, in periods of the log: shorter ones look alike, and
 take ever longer to run."""
 
+LONGEST_INTEGRAL: Final = 100.0
+"""Longest T_n of a velocity loop in a fit [s], and in a machine file: longer ones look alike."""
+
 DAMPED: Final = 0.98
 """Largest part of the axis' damping that the motor may have: the load keeps some."""
 
@@ -244,12 +247,14 @@ def _fit_once(problem: AxisProblem, plant: Plant, names: Sequence[str], known: D
 
 
 def _slowed(number: FreeNumber, plant: Plant, period: float) -> FreeNumber:
-    """Keep a loop from becoming quicker than any that a log of that period tells apart."""
+    """Keep a loop from becoming quicker, or its integrator slower, than any that a log tells apart."""
     shortest, here = QUICKEST * period, number.read(plant)
     if number.name == "b":
         return number._replace(low=max(number.low, min(here, math.log(shortest * plant.c))))
     if number.name == "velocity_gain":
         return number._replace(high=min(number.high, max(here, -math.log(shortest))))
+    if number.name == "integral_rate":
+        return number._replace(low=max(number.low, min(here, -math.log(LONGEST_INTEGRAL))))
     if number.name == "current_time":
         return number._replace(low=max(number.low, shortest / MS))
     return number

@@ -22,7 +22,7 @@ from ph_post.identify.log_quality import settled_after
 from ph_post.types import Array, AxisLog, BoolArray, IntArray, Log, Machine, sealed
 from ph_post.units import MS
 
-MOST: Final = 30_000
+MOST: Final = 20_000
 """Samples of an excerpt, about; logs that have no more are taken whole."""
 
 SHORTEST: Final = 3.0

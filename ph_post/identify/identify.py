@@ -20,6 +20,7 @@ from ph_post.drive.plant import Plant
 from ph_post.errors import InputError
 from ph_post.identify.cascade_fit import (
     CLEAN,
+    MUCH,
     CascadeFit,
     cascaded_axis,
     finest_noise,
@@ -355,17 +356,31 @@ MOSTLY: Final = 20.0
 
 
 def _cascade(problem: AxisProblem, axis_log: AxisLog, single: DriveFit | None) -> CascadeFit | None:
-    """Fit a cascade; None where it predicts the held-out samples no better than a single loop, be it with friction."""
+    """Fit a cascade; None where it predicts the held-out samples no better than a single loop, be it with friction.
+
+    Where such a loop leaves noise alone none is fitted: that takes most of the time of an answer.
+    """
+    rubbing = None if single is None else _single_with_friction(problem, axis_log, single)
+    if rubbing is not None and MUCH * position_rms(problem, rubbing.left, problem.held) <= finest_noise(problem):
+        return None
     base = fit_cascade(problem)
     found = None if base is None else with_backlash(problem, base, axis_log)
-    if found is None or single is None:
+    if found is None or single is None or rubbing is None:
         return found
     if not is_better(problem, found.fit, single):
         return None
     # No friction looks like a cascade down to the noise.
     if "friction" not in found.fit.names and found.held_out <= CLEAN * finest_noise(problem):
         return found
-    return found if is_better(problem, found.fit, fitted_with(problem, single, "friction")) else None
+    return found if is_better(problem, found.fit, rubbing) else None
+
+
+def _single_with_friction(problem: AxisProblem, axis_log: AxisLog, single: DriveFit) -> DriveFit:
+    """Fit a single loop with friction, and with backlash too where the log can show it."""
+    rubbing = fitted_with(problem, single, "friction")
+    if "gap" in rubbing.names or why_backlash_hidden(problem, axis_log):
+        return rubbing
+    return fitted_with(problem, rubbing, "gap")
 
 
 def _coast_downs(problem: AxisProblem, axis_log: AxisLog, quality: LogQuality) -> list[CoastDown]:

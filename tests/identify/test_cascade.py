@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +13,15 @@ from support.cascade_plant import PERIOD, Drive
 
 from ph_post.cli.main import main
 from ph_post.drive.machinefile import read_machine
+from ph_post.identify.drive_fit import fit_drive
+from ph_post.identify.free_run import problem_of
 from ph_post.identify.identify import identify
+from ph_post.identify.log_quality import examine
 from ph_post.types.diagnosis import Estimate
-from tests.support.cascade_records import NOISE, log_of, machine_of, moves, record
+from tests.support.cascade_records import NOISE, WAYS, log_of, machine_of, moves, record
 from tests.support.identifying import Recorder, to_and_fro
 from tests.support.plants.axis import Plant
+from tests.support.plants.sizes import with_effect
 
 CASES = [
     (0.0, 0.0, "motor"),
@@ -172,6 +178,32 @@ def test_a_single_loop_stays_one() -> None:
     plant = Plant("load", b=2e-4, c=2e-2, gap=3e-5)
     found = identify(recorder.record(plant, to_and_fro(np.random.default_rng(4))), feedback={"X": "load"})
     assert found.machine.axes["X"].servo.cascade is None
+
+
+def test_a_single_loop_with_friction_and_backlash_asks_for_no_cascade(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both beside b and c leave noise alone; of a long log a cascade came out, after three quarters of the time."""
+    module = importlib.import_module("ph_post.identify.identify")
+    monkeypatch.setattr(module, "fit_cascade", lambda _: pytest.fail("a cascade is fitted"))
+    recorder = Recorder(channels=("act", "motor"), rng=np.random.default_rng(7))
+    plant = with_effect(Plant("motor", b=6.8e-5, c=4.7e-3, gap=3e-5), "coulomb_friction", force=1.2e-5)
+    found = identify(recorder.record(plant, to_and_fro(np.random.default_rng(8))), feedback={"X": "motor"})
+    servo = found.machine.axes["X"].servo
+    assert servo.cascade is None
+    assert servo.c == pytest.approx(4.7e-3, rel=0.1)
+    assert any(one.startswith("friction of ") for one in found.drives["X"].notes)
+
+
+def test_an_integrator_is_no_slower_than_a_machine_file_takes() -> None:
+    """Where there is none a fit takes T_n ever farther."""
+    drive = Drive(velocity=0.95, wv=400.0)
+    log, machine = record(drive, ways=WAYS[:2]), machine_of(replace(drive, tn=50.0))
+    problem = problem_of(log, "X", machine.axes["X"], examine(log, machine))
+    assert problem is not None
+    plant = problem.plant
+    for _ in range(3):
+        plant = fit_drive(problem, plant, ("position_gain", "integral_rate"), rounds=1).plant
+    assert plant.cascade is not None
+    assert 1.0 / plant.cascade.integral_rate <= 100.0 * (1.0 + 1e-9)
 
 
 @pytest.mark.slow
