@@ -22,8 +22,11 @@ from ph_post.identify.log_quality import settled_after
 from ph_post.types import Array, AxisLog, BoolArray, IntArray, Log, Machine, sealed
 from ph_post.units import MS
 
-MOST: Final = 20_000
-"""Samples of an excerpt, about; logs that have no more are taken whole."""
+MOST: Final = 30_000
+"""Samples of a log that is taken whole at most."""
+
+KEPT: Final = 2.0 / 3.0
+"""Part of these that an excerpt has, about: it is what shows most, and a fit takes as long as it has samples."""
 
 SHORTEST: Final = 3.0
 """Shortest window [s]."""
@@ -76,7 +79,7 @@ def excerpt(log: Log, machine: Machine, most: int = MOST) -> Log:
     machine : Machine
         Its drives say how long a model needs to settle; of its axes what they explain worst is looked for.
     most : int
-        Samples up to which a log is taken whole, and that an excerpt has, about.
+        Samples up to which a log is taken whole; an excerpt has about two thirds of so many.
 
     Returns
     -------
@@ -91,7 +94,7 @@ def excerpt(log: Log, machine: Machine, most: int = MOST) -> Log:
         log = _thinned(log, step)
     if log.t.size <= most:
         return replace(log, windows=((float(log.t[0]), float(log.t[-1]) + log.period),))
-    return _joined(log, machine, _chosen(log, machine, most))
+    return _joined(log, machine, _chosen(log, machine, math.ceil(KEPT * most)))
 
 
 def _every(log: Log, machine: Machine) -> int:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import signal
 from support.engine_cases import make_axis, make_machine
 
-from ph_post.identify.excerpt import MOST, excerpt
+from ph_post.identify.excerpt import KEPT, MOST, excerpt
 from ph_post.identify.free_run import problem_of, residuals, split_evenly
 from ph_post.identify.log_quality import examine
 from ph_post.types import AxisLog, Log
@@ -69,7 +69,7 @@ def test_an_excerpt_shows_what_is_rare_and_is_no_longer_than_it_may(period: floa
     log = logged(seconds, period)
     short = excerpt(log, MACHINE)
     assert short.period == pytest.approx(1e-3)
-    assert short.t.size < 1.3 * MOST
+    assert short.t.size < 1.3 * KEPT * MOST
     assert short.counted is not None
     assert np.all(np.diff(short.t) > 0.0)
     for middle in (0.31, 0.72, 0.915):  # the rest is at 0.907 to 0.92
@@ -93,7 +93,7 @@ def test_the_true_plant_runs_through_an_excerpt_and_leaves_nothing_where_it_coun
     assert problem is not None
     left = residuals(problem, problem.plant)
     for one in problem.observed:
-        assert np.count_nonzero(problem.counted & one.ok) > 0.6 * MOST
+        assert np.count_nonzero(problem.counted & one.ok) > 0.6 * KEPT * MOST
         assert np.max(np.abs(left[one.channel][problem.counted])) < 0.05 * UM
     again = split_evenly(problem, left)
     assert not np.any(again.counted & ~problem.counted)
