@@ -22,12 +22,12 @@ LOOPS = ("motor", "load")
 UM = 1e6
 
 
-def told(one: Executed) -> list[float]:
-    """Largest and rms error [µm], and the time [s]."""
-    return [round(UM * one.largest, 1), round(UM * one.rms, 2), round(one.time, 2)]
+def told(one: Executed) -> str:
+    """Largest and rms error, and the time."""
+    return f"{UM * one.largest:.1f}/{UM * one.rms:.2f} um, {one.time:.2f} s"
 
 
-def compared(machine: Machine, folder: Path) -> Iterator[tuple[str, dict[str, list[float]]]]:
+def compared(machine: Machine, folder: Path) -> Iterator[tuple[str, dict[str, str]]]:
     """Yield of every shape, as table and as program, what the files give."""
     wrong, better = diagnosed(machine, folder)
     for shape in SHAPES:
@@ -51,7 +51,7 @@ def main() -> None:
     asked.add_argument("--work", type=Path, required=True, help="folder of the logs and machine files")
     asked.add_argument("--out", type=Path)
     given = asked.parse_args()
-    results: dict[str, Any] = {"largest and rms error [um], time [s]": {}}
+    results: dict[str, Any] = {}
     for seed in given.seeds:
         for loop in LOOPS:
             machine = draw_machine(seed, loop)
@@ -62,10 +62,10 @@ def main() -> None:
             own = {
                 "K_v [1/s]": round(drive.kv, 1),
                 "speed fed forward": drive.velocity,
-                "backlash [um]": [round(UM * one.gap, 1) for one in machine.true],
-                "friction [m/s2]": [round(one.effects[0]["force"] / one.b, 2) for one in machine.true],
+                "backlash [um]": ", ".join(f"{UM * one.gap:.1f}" for one in machine.true),
+                "friction [m/s2]": ", ".join(f"{one.effects[0]['force'] / one.b:.2f}" for one in machine.true),
             }
-            results["largest and rms error [um], time [s]"][f"{loop} {seed}"] = own
+            results[f"{loop} {seed}"] = own
             for what, rows in compared(machine, folder):
                 own[what] = rows
                 sys.stdout.write(f"{loop} {seed} {what} {rows}\n")
