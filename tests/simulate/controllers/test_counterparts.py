@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from support.corpus import stepper
+from support.corpus_judge import Judged, compare
 from support.random_cuts import random_cut
 
 import ph_post as ph
@@ -18,6 +20,43 @@ from ph_post.types import Gap, Limits, Servo
 
 LIMITS = {"X": (0.1, 1.34), "Y": (0.06, 0.46), "Z": (0.1, 0.81)}
 BACK = "G21 G90 G17 G94\n{}\nG0 X10.975 Y-15.848 Z5\nX-2.106 Y13.09\nG1 Z-0.5 F120\nX2 F600\nG0 Z5\nM2\n"
+
+
+RAMP = """G21 G90 G17
+G0 X80 Y75 Z5
+G0 Z3
+G1 X77 Y78 Z0.7 F2540
+X75 Y82 Z-1.7
+X77 Y78 Z-4
+X80 Y75 Z-6.3
+G2 X72.9584 Y92 I17 J17
+G1 Y140
+G2 X83 Y150 I10 J0
+G1 X93
+X96 Z-3
+X120
+X123 Z-6.3
+X160
+G2 X170 Y140 I0 J-10
+G1 Y80
+X160 Y75
+X80
+G0 Z5
+M2
+"""
+"""It ramps down forth and back, cuts back along the ramp, and over a tab."""
+
+
+def test_an_arc_that_goes_back_beside_its_ramp_is_no_way_up_the_ramp(tmp_path: Path) -> None:
+    """Raised by the backlash of Z, it is as near to the one as to the other at first."""
+    file = tmp_path / "part.ngc"
+    file.write_text(RAMP, encoding="utf-8")
+    found = ph.compensate(file, stepper("linuxcnc"))
+    assert not any("not compensated" in word for word in found.warnings)
+    judged = compare(Judged("compensated"), "linuxcnc", RAMP.encode(), found.program())
+    assert judged.followed == judged.shown >= 8
+    assert 100.0 * judged.rms[1] < judged.rms[0]
+    assert found.after.error.max < 10e-6
 
 
 @pytest.mark.parametrize("mode", ["G61", "G64 P0.02"])
