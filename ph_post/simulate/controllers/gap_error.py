@@ -115,13 +115,17 @@ def _without_offsets(cut: FollowedCut, plain: FollowedCut) -> tuple[Command, Com
 def _passed(cut: FollowedCut, known: Counterparts) -> tuple[IntArray, Array, Array]:
     """Stretch of each row (n,), the share of its way that is passed, and the place that is as far along the path [m].
 
-    What is closest to a command leaps where that cuts a corner. What only shifts an axis behind a rest at the end of
-    the path is no part of the way: the motion without backlash has arrived.
+    What is closest to a command leaps where that cuts a corner, but rows of a corner that is cut far are all of one of
+    its motions: its stretch ends, and the one beside it begins, so far from the joint. What only shifts an axis behind
+    a rest at the end of the path is no part of the way: the motion without backlash has arrived.
     """
     motion = np.maximum(cut.command.segment, 0)
     own = np.maximum.accumulate(known.stretch[motion])
     first, last = (np.clip(np.searchsorted(own, own, side=side) - 1, 0, own.size - 1) for side in ("left", "right"))
     low, high = (cut.path.joint_places(one[motion]) for one in (known.first, np.maximum(known.first, known.end)))
+    reach, begins, ends = _reach(cut), cut.place[first], cut.place[last]
+    low = np.where(np.abs(begins - low) > reach, begins, low)
+    high = np.maximum(np.where(np.abs(ends - high) > reach, ends, high), low)
     steps = np.diff(_way_along(_way_of(cut)), prepend=0.0)
     arrived = np.minimum.accumulate(cut.place[::-1])[::-1] >= high - JOINT
     rests = np.cumsum(arrived & (steps == 0.0))

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from support.corpus import stepper
+from support.corpus_judge import Judged, compare
 
 import ph_post as ph
 from ph_post.gcode.read import read_program
@@ -175,3 +177,37 @@ def test_each_scenario_is_as_if_it_were_the_only_one(feedback: str) -> None:
         assert np.array_equal(run.executed, expected.executed)
         assert np.array_equal(distance, away)
         assert run.events == expected.events
+
+
+FAR_CUT = """G21 G90 G17{}
+G0 X80 Y75 Z5
+G0 Z3
+G1 X75 Y82 Z-1.7 F2540
+X80 Y75 Z-6.3
+G2 X72.9584 Y92 I17 J17
+G1 Y140
+X76 Z-3
+X120
+X123 Z-6.3
+X160
+Y75
+X80
+G0 Z5
+M2
+"""
+
+
+@pytest.mark.parametrize("mode", ["", " G64 P0.01"])
+def test_a_crossing_behind_a_joint_that_is_cut_far_is_no_error(mode: str, tmp_path: Path) -> None:
+    """Between a circle and its tangent a controller leaves the one long before it ends: all that is of one motion."""
+    text = FAR_CUT.format(mode)
+    file = tmp_path / "part.ngc"
+    file.write_text(text, encoding="utf-8")
+    found = ph.compensate(file, stepper("linuxcnc"))
+    judged = compare(Judged("compensated"), "linuxcnc", text.encode(), found.program())
+    assert judged.followed == judged.shown >= 4
+    assert judged.rms is not None
+    assert judged.rms[1] < 1e-4
+    assert found.after.error_gap is not None
+    assert found.after.error_gap.max < 12e-6
+    assert found.after.error_gap.rms < 1e-6
