@@ -396,7 +396,10 @@ class _PlanSearch:
         """Keep a plan that is good, and better than the one before it; return the options of another to be tried."""
         assert made.edits is not None
         assert made.motions is not None
+        behind = any(one.behind for one in made.edits.crossings)
         if made.verdict is None or not made.verdict.ok:
+            if behind:
+                return replace(options, plain_corners=True)
             return None if self._best is not None else self._without_failed(made, refused, options)
         judged = compare_motions(*made.motions, made.edits.slowdown)
         chooses = find_traits(self._request.plan.strategy).chooses
@@ -410,6 +413,8 @@ class _PlanSearch:
             self._largest, self._pace = judged.planned, max(1.0, judged.slowdown / judged.planned)
         if not judged.worse:
             self._enough = min(self._enough, judged.slowdown)
+        elif behind:
+            return replace(options, plain_corners=True)
         tighter = tightened(options, judged, self._request.edit.max_slowdown, self._count)
         if tighter is not None:
             return self._less(made.edits, judged, options, self._parting(tighter, judged, options))

@@ -114,6 +114,8 @@ class CrossingGround:
         Largest deviation of the path in changed stretches [m].
     part_side : {0, 1, -1}
         1 where the part is on the left of the path, -1 where on its right, 0 where that is not known.
+    plain_corners : bool
+        No crossing lies behind a corner.
     """
 
     def __init__(
@@ -128,8 +130,9 @@ class CrossingGround:
         tolerance: float,
         *,
         part_side: int = 0,
+        plain_corners: bool = False,
     ) -> None:
-        self.part_side = part_side
+        self.part_side, self.plain_corners = part_side, plain_corners
         self.overshoot = overshoot
         stream = dialect.abilities.stream
         self.least = max(PERIODS * machine.servo_period, LINE_SIZE / stream.rate if stream is not None else 0.0)

@@ -254,7 +254,9 @@ class SpotSearch:
         finest = np.where(np.array([one.steps > 1 for one in shapes])[spots.column], STEPS_ERROR, ERROR)
         error, most = self._allowed(spots, coarser, finest)
         turning, window = self._turning(spots, motion, turning, (wait, late, crossing), (error, most, finest))
-        sharp = inner & corner & ~corrected & (lag < SHORT_LAG)
+        # Where there is time a stop leaves no error at all.
+        may_wait = coarser > 1.0 and not ground.plain_corners
+        sharp = inner & corner & ~corrected & (lag < SHORT_LAG) & may_wait
         spots, slowly = self._behind_corners(spots, sharp, corner, calm, behind, error)
         turning |= slowly
         window[slowly] = spots.window[slowly]

@@ -270,8 +270,14 @@ class CrossingPlanner:
         parts = self._parts(knots, points, places, coarse=error > FINE * ERROR + own * gap and not knots.exact)
         if not all(self._divisible[part.motion] for part in parts):
             return None
-        length = float(places[1, -1] - places[1, 0])
-        return CrossingEdit(axis=AXES[spot.column], sign=spot.sign, parts=parts, length=length, error=error)
+        return CrossingEdit(
+            axis=AXES[spot.column],
+            sign=spot.sign,
+            parts=parts,
+            length=float(places[1, -1] - places[1, 0]),
+            error=error,
+            behind=knots.exact and not spot.calm,
+        )
 
     def _followed(self, knots: _Knots, points: Array, spot: CrossingPlace) -> tuple[float, Array]:
         """Follow a table that waits while its motor is in the backlash.

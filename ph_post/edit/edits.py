@@ -90,7 +90,7 @@ class CrossingPart(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class CrossingEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A crossing of the backlash on the fly: a stretch of path on which an axis gets its other offset.
 
-    `parts` in the order of travel; `length` of the stretch and largest `error` of the table [m].
+    `parts` in the order of travel; `length` of the stretch and largest `error` of the table [m]; `behind` a corner.
     """
 
     axis: str
@@ -98,6 +98,7 @@ class CrossingEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     parts: tuple[CrossingPart, ...]
     length: float
     error: float
+    behind: bool = False
 
 
 class DipEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -255,6 +256,8 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         Where the time is short spend it on what gains most, in place of what gains most for its time.
     in_parts : bool
         Where the time is short compensate all axes up to a place in a section, in place of some axes in all of it.
+    plain_corners : bool
+        No crossing lies behind a corner, however slowly the path leaves it.
     position_from : {0, 1, -1}
         Side from which axes come to places to which a rapid brings them, and at which they rest while the tool cuts;
         0 for either.
@@ -275,6 +278,7 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     pace: float = 1.0
     largest_first: bool = False
     in_parts: bool = False
+    plain_corners: bool = False
     position_from: int = 0
     overshoot: float | None = None
     part_side: int = 0

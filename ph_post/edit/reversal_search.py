@@ -123,6 +123,7 @@ class ReversalSearch:
             self._overshoot,
             options.tolerance,
             part_side=options.part_side,
+            plain_corners=options.plain_corners,
         )
         # A table that runs on behind a rapid is anywhere in its backlash.
         flies = any(math.isfinite(braked(machine.axes[name])) for name in amplitude)
