@@ -23,9 +23,7 @@ from ph_post.api.guard import (
     with_neighbours,
 )
 from ph_post.api.lead_work import LeadWork
-from ph_post.api.led_programs import (
-    require_lead,
-)
+from ph_post.api.led_programs import require_lead
 from ph_post.api.results import ProgramMotion
 from ph_post.compensate.friction import friction_of_machine
 from ph_post.compensate.plan_warnings import doubtful_values, round_up

@@ -14,11 +14,7 @@ from ph_post.drive.cascade import response_time
 from ph_post.edit.crossing_costs import CrossingCosts
 from ph_post.edit.crossing_ground import APPROACH, CrossingGround, Spots
 from ph_post.edit.crossing_spots import SpotSearch
-from ph_post.edit.crossings import (
-    CrossingPlace,
-    CrossingPlanner,
-    shortest_block,
-)
+from ph_post.edit.crossings import CrossingPlace, CrossingPlanner, shortest_block
 from ph_post.edit.edits import CrossingEdit, OffsetShift, StopEdit
 from ph_post.edit.positions import Restart
 from ph_post.edit.reversals import (

@@ -289,7 +289,7 @@ class SpotSearch:
         push = np.array([ground.turning_push(name) for name in AXES])[spots.column]
         which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, wait)
         wanted[ground.lag[spots.column] >= SHORT_LAG] = 0
-        for number, times_finest in enumerate((0.0, *BEAM_COARSER)):
+        for number, wider in enumerate((0.0, *BEAM_COARSER)):
             if which.size:
                 window[which] = find_windows(
                     ground.view,
@@ -301,7 +301,7 @@ class SpotSearch:
                     wait[which],
                     late[which],
                     spots.feed[which],
-                    np.maximum(error, times_finest * finest)[which],
+                    np.maximum(error, wider * finest)[which],
                     most[which],
                     wanted[which],
                     push[which],
