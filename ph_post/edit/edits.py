@@ -346,11 +346,12 @@ def schedule(edits: Edits, motions: Motions, step: float) -> list[MotionEdit]:
         _crossed_motion(
             motion,
             crossed[motion],
-            _apart(lasting.get(motion, []), crossed[motion], part_length(motions, motion, 0.0, 1.0), step),
+            _apart(lasting.get(motion, []), crossed[motion], _least_share(motions, motion, step)),
             stops.get(motion, []),
             labels.get(motion, []),
             edits.joints.get(motion, ()),
             edits.kept.get(motion, math.inf),
+            _least_share(motions, motion, step),
         )
         if motion in crossed
         else _motion_edit(motion, timed.get(motion, []), stops.get(motion, []), motions, step)
@@ -391,10 +392,15 @@ def _pieces(dip: DipEdit, motions: Motions) -> Iterable[tuple[int, MotionPart]]:
                 yield k, MotionPart(low=low, high=high, duration=duration * length / sum(lengths))
 
 
-def _apart(timed: list[MotionPart], crossed: list[CrossingPart], length: float, step: float) -> list[MotionPart]:
+def _least_share(motions: Motions, motion: int, step: float) -> float:
+    """Return the share of a motion below which a part is nothing: its ends could be the same when they are written."""
+    length = part_length(motions, motion, 0.0, 1.0)
+    return _LEAST_STEPS * step / length if length > 0.0 else 2.0
+
+
+def _apart(timed: list[MotionPart], crossed: list[CrossingPart], least: float) -> list[MotionPart]:
     """Return the blocks of known time; none where an end is so near to a crossing's that a part would be nothing."""
     edges = [end for part in crossed for end in (part.low, part.high)]
-    least = _LEAST_STEPS * step / length if length > 0.0 else 2.0
     ends = [end for part in timed for end in (part.low, part.high) if 0.0 < end < 1.0]
     near = any(0.0 < abs(end - edge) < least for end in ends for edge in edges)
     return [] if near else timed
@@ -408,13 +414,18 @@ def _crossed_motion(
     labels: list[str],
     joints: Sequence[float],
     feed: float,
+    least: float,
 ) -> MotionEdit:
-    """Put the parts of crossings on a motion between those that stay as they are, or are `timed`."""
+    """Put the parts of crossings on a motion between those that stay as they are, or are `timed`.
+
+    Next to a part of a crossing there is no part below the share `least`: what is left there belongs to the crossing.
+    Written down, such a part of an arc could end where it begins, which is a full circle.
+    """
     parts: list[MotionPart] = []
     at = 0.0
-    for part in (*sorted(crossed, key=lambda one: one.low), None):
+    shares = {*(stop.share for stop in stops), *joints, *(end for one in timed for end in (one.low, one.high))}
+    for part in (*_joined(crossed, shares, least), None):
         until = 1.0 if part is None else part.low
-        shares = {*(stop.share for stop in stops), *joints, *(end for one in timed for end in (one.low, one.high))}
         between = sorted(share for share in shares if at < share < until)
         for low, high in pairwise((at, *between, until)):
             if high > low:
@@ -428,14 +439,26 @@ def _crossed_motion(
     return MotionEdit(motion=motion, parts=tuple(parts), stops=placed, labels=tuple(labels))
 
 
+def _joined(crossed: list[CrossingPart], shares: set[float], least: float) -> list[CrossingPart]:
+    """Return the parts of crossings in order, each up to the one before it, and to the ends of the motion, if near."""
+    found: list[CrossingPart] = []
+    at = 0.0
+    for part in sorted(crossed, key=lambda one: one.low):
+        near = 0.0 < part.low - at < least and not any(at <= share <= part.low for share in shares - {0.0})
+        found.append(replace(part, low=at) if near else part)
+        at = part.high
+    if 0.0 < 1.0 - at < least and not any(at <= share < 1.0 for share in shares):
+        found[-1] = replace(found[-1], high=1.0)
+    return found
+
+
 def _motion_edit(
     motion: int, timed: list[MotionPart], stops: list[StopEdit], motions: Motions, step: float
 ) -> MotionEdit:
     if not timed and all(stop.share in (0.0, 1.0) for stop in stops):
         return MotionEdit(motion=motion, parts=(_WHOLE,), stops=_placed(stops, {0.0: 0.0, 1.0: 1.0}))
     wanted = sorted({0.0, 1.0, *(stop.share for stop in stops), *(e for p in timed for e in (p.low, p.high))})
-    length = part_length(motions, motion, 0.0, 1.0)
-    least = _LEAST_STEPS * step / length if length > 0.0 else 2.0
+    least = _least_share(motions, motion, step)
     snapped = _snap_shares(wanted, least)
     edges = sorted(set(snapped.values()))
     parts = tuple(_timed_part(low, high, timed, snapped) for low, high in pairwise(edges))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import numpy as np
 import pytest
 from support.editing import Compensated, compensate, with_edits
 from support.part_programs import distances, samples
+from support.reference_player import interpret
 
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.edits import DipEdit, Edits, OffsetShift, StopEdit
+from ph_post.edit.edits import CrossingEdit, CrossingPart, DipEdit, Edits, OffsetShift, StopEdit
 from ph_post.edit.preconditions import why_not_editable
 from ph_post.edit.undo import undo
 from ph_post.errors import InputError
@@ -63,6 +65,27 @@ def test_a_pulse_behind_a_line() -> None:
         "F600",
         "Y5",
     ]
+
+
+def crossing(sign: int, low: float, high: float) -> CrossingEdit:
+    """A crossing of X on the second motion in one block, to 10 µm on the side of its new direction."""
+    added = np.array([0.01 * MM * sign, 0.0, 0.0])
+    part = CrossingPart(motion=1, low=low, high=high, line=True, added=added, feed=None)
+    return CrossingEdit(axis="X", sign=sign, parts=(part,), length=0.0, error=0.0)
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-9, 1e-5, 2e-5])
+def test_no_arc_beside_a_crossing_ends_where_it_begins(apart: float) -> None:
+    """Rounded to the last decimal it would be a full circle: one of 0.15 mm, with a turn of 0.093 mm, was refused."""
+    text = START.replace("Y0", "Y0 Z0") + "G2 X2 Y0 Z-1 I1\nG1 Z5\nM2\n"
+    crossings = (crossing(1, apart, 0.2), crossing(-1, 0.5, 0.7), crossing(1, 0.7 + apart, 1.0 - apart))
+    offset = np.array([[0.0, 0.0, 0.0], [0.01 * MM, 0.0, 0.0], [0.01 * MM, 0.0, 0.0]])
+    found = changed(text, crossings=crossings, offset=offset)
+    arcs = [move for move in interpret(found.text.decode()) if move.mode > 1]
+    assert len(arcs) == 1
+    for end, share in ((arcs[0].start, 0.2), (arcs[0].end, 0.5)):
+        place = (1.01 - math.cos(share * math.pi), math.sin(share * math.pi), -share)
+        assert end == pytest.approx(place, abs=2e-4)
 
 
 def test_a_rest_changes_nothing_else() -> None:
