@@ -32,7 +32,10 @@ COARSE = 0.05
 """Distance of the samples [mm]."""
 
 MOST = 60_000
-"""Samples of a program at most."""
+"""Samples of a program at most, beside those that arcs need."""
+
+SAGITTA = 3e-4
+"""Distance [mm] of the chords of an arc from it."""
 
 SHARP = 0.1
 """Change of a step between samples, as a part of it, that is a corner."""
@@ -206,7 +209,7 @@ def _sampled(runs: list[list[Move]], laid: set[int] | None = None) -> tuple[np.n
         move = same[0]
         ends = np.array([(one.start - to, one.end - to) for one, to in zip(same, last, strict=True)])
         known = bool(np.ptp(ends, axis=0).max() < 1e-9)
-        count = max(2, math.ceil(move.length / (step if move.mode else RAPID))) if known else 1
+        count = max(2, math.ceil(move.length / (step if move.mode else RAPID)), _chords(move)) if known else 1
         if not points:
             # On an axis on which all begin at one place it is known from where the first move comes.
             begin = np.where(np.ptp(ends[:, 0], axis=0) < 1e-9, move.start, move.end)
@@ -214,6 +217,14 @@ def _sampled(runs: list[list[Move]], laid: set[int] | None = None) -> tuple[np.n
         points.append(move.at(np.linspace(0.0, 1.0, count + 1)[1:]))
         cuts.append(np.full(count, known and move.mode > 0 and (laid is None or move.line in laid)))
     return np.concatenate(points), np.concatenate(cuts)
+
+
+def _chords(move: Move) -> int:
+    """Number of chords that stay as near as `SAGITTA` to an arc; 0 for a line."""
+    if move.mode < 2:
+        return 0
+    away = move.start[list(move.plane[:2])] - np.array(move.center)
+    return math.ceil(abs(move.sweep) * math.sqrt(float(np.linalg.norm(away)) / (8.0 * SAGITTA)))
 
 
 Places = tuple[np.ndarray, np.ndarray]

@@ -14,6 +14,12 @@ from . import interpreter
 STEP = 1e-2
 """Distance of the samples on the path [mm]; a distance of the table that is found is too large by a part of it."""
 
+ON = 1e-7
+"""Places that are as near [mm] are on the path."""
+
+MOST, AIR = 0.95, 4.0
+"""A piece of a path is no more than `AIR` times as long as the part `MOST` of all."""
+
 
 def samples(text: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places along a program's exact path [mm], the time that each takes [s], and whether the tool cuts there."""
@@ -41,15 +47,34 @@ def table(motor: np.ndarray, backlash: dict[str, float], sides: dict[str, float]
 
 
 def distances(places: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Distances [mm] of places from the polyline through dense points, at the nearest of them and beside it."""
-    near = cKDTree(path).query(places)[1]
-    found = np.full(len(places), np.inf)
-    for low in (np.maximum(near - 1, 0), np.minimum(near, len(path) - 2)):
-        begin, way = path[low], path[low + 1] - path[low]
-        square = np.maximum((way * way).sum(axis=1), 1e-30)
-        share = np.clip(((places - begin) * way).sum(axis=1) / square, 0.0, 1.0)
-        found = np.minimum(found, np.linalg.norm(places - begin - share[:, None] * way, axis=1))
+    """Distances [mm] of places from the polyline through points.
+
+    The nearest point may be one of another pass, or of a short cut beside a long one whose points are far apart. So of
+    all points that the nearest piece may begin at, both pieces are looked at. Pieces that are much longer than most are
+    no path but a way through the air: they count where they begin at the nearest point.
+    """
+    tree, lengths = cKDTree(path), np.linalg.norm(np.diff(path, axis=0), axis=1)
+    nearest = tree.query(places)[1]
+    found = np.minimum(_from_piece(places, path, nearest - 1), _from_piece(places, path, nearest))
+    reach = 0.5 * min(lengths.max(), AIR * float(np.quantile(lengths, MOST)))
+    off = np.flatnonzero(found > ON)
+    for rows in np.array_split(off, len(off) // 5000 + 1):
+        near = tree.query_ball_point(places[rows], found[rows] + reach)
+        owner = np.repeat(rows, [len(some) for some in near])
+        point = np.concatenate([np.array(some, dtype=np.int64) for some in near]) if len(rows) else rows
+        for low in (point - 1, point):
+            some = lengths[np.clip(low, 0, len(lengths) - 1)] <= 2.0 * reach
+            np.minimum.at(found, owner[some], _from_piece(places[owner[some]], path, low[some]))
     return found
+
+
+def _from_piece(places: np.ndarray, path: np.ndarray, low: np.ndarray) -> np.ndarray:
+    """Distances [mm] of places from the pieces of a polyline that begin at points, one each."""
+    low = np.clip(low, 0, len(path) - 2)
+    begin, way = path[low], path[low + 1] - path[low]
+    square = np.maximum((way * way).sum(axis=1), 1e-30)
+    share = np.clip(((places - begin) * way).sum(axis=1) / square, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(places - begin - share[:, None] * way, axis=1))
 
 
 def play_error(

@@ -1,0 +1,27 @@
+"""Distances from a path, beside those from all of its pieces."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .ideal_play import distances
+
+
+def test_distances_are_those_from_the_nearest_piece() -> None:
+    """A fine corner beside a long cut of few points, a hole in several passes, and a way back along a line."""
+    turn = np.linspace(0.0, 0.5 * np.pi, 200)
+    corner = np.column_stack([0.2 * np.sin(turn), 0.2 - 0.2 * np.cos(turn), 0.0 * turn])
+    cut = np.column_stack([np.linspace(3.0, -3.0, 15), np.full(15, -0.03), np.zeros(15)])
+    holes = [[0.2, 0.2, z] for z in (0.0, -1.0, -2.0, -1.0, -2.0, -3.0)]
+    back = [[x, 0.2, -3.0] for x in (0.2, 0.9, 0.4, 1.1)]
+    path = np.concatenate([corner, cut, holes, back])
+    places = np.random.default_rng(3).uniform([-1.0, -0.5, -3.2], [1.5, 0.6, 0.2], (2000, 3))
+    begin, way = path[:-1], np.diff(path, axis=0)
+    share = ((places[:, None] - begin) * way).sum(axis=2) / np.maximum((way * way).sum(axis=1), 1e-30)
+    from_all = np.linalg.norm(places[:, None] - begin - np.clip(share, 0.0, 1.0)[..., None] * way, axis=2)
+    # Ways from one cut to another are longer than all cuts, and no part of the path.
+    ways = np.linalg.norm(way, axis=1) > 2.0
+    assert ways.sum() == 2
+    beside = ways[from_all.argmin(axis=1)]
+    assert np.allclose(distances(places, path)[~beside], from_all.min(axis=1)[~beside], atol=1e-9)
+    assert beside.mean() < 0.5
