@@ -281,3 +281,28 @@ def test_splicing_writes_points_milliseconds_and_capitals_and_can_be_undone(part
 def test_a_jump_to_a_number_of_5000_digits_is_named() -> None:
     (note,) = read_as("fanuc", b"O1\nG21 G1 X1. F100.\nGOTO" + 5000 * b"1" + b"\nM30\n", "a.nc").notes
     assert "jump in line 3 to a line that is not known" in note.what
+
+
+CONTOUR = "G1 X10. Y0.\nX20. Y10.\nX10. Y20.\nX0. Y10.\nX10. Y0.\n"
+
+
+@pytest.mark.parametrize("measure", ["", "G90 ", "G91 "])
+def test_a_subprogram_that_leaves_g90_and_g91_to_its_caller_moves_nobody_knows_where(measure: str) -> None:
+    """M98 keeps modes: the same lines are places for one caller and increments for another."""
+    program = read_fanuc(f"O5001\nF500.\n{measure}{CONTOUR}M99\n".encode(), "a.nc")
+    told = [note.what for note in program.notes if "G90 or G91" in note.what]
+    assert bool(told) == (measure == "")
+    assert np.isnan(program.motions.end).all() == (measure == "")
+
+
+def test_a_main_program_without_g90_begins_as_the_control_does() -> None:
+    program = read_fanuc(f"O1\nF500.\n{CONTOUR}M30\nO5001\n{CONTOUR}M99\n".encode(), "a.nc")
+    assert (program.motions.end[:, :2] / MM).round(9).tolist() == [[10, 0], [20, 10], [10, 20], [0, 10], [10, 0]]
+
+
+def test_a_subprogram_is_compensated_from_where_it_says_g90_on() -> None:
+    """Its first lines, whose places nobody knows, stay as they are."""
+    text = f"O5001\n{CONTOUR}G90\nG1 X0. Y0. F500.\n{CONTOUR}M99\n"
+    changed = compensate(text.encode(), read_machine("stepper"), dialect="fanuc").text.decode()
+    assert CONTOUR + "G90" in changed
+    assert "CROSSING" in changed.partition("G90")[2]

@@ -332,3 +332,13 @@ def test_blanks_take_no_longer_than_other_text() -> None:
     begun = time.process_time()
     assert len(_read("\n".join(["G71", *8 * [line], ""])).notes) >= 1
     assert time.process_time() - begun < 5.0
+
+
+@pytest.mark.parametrize("end", ["M17", "RET", "N90 M17", "M30"])
+@pytest.mark.parametrize("measure", ["", "G90 ", "G91 "])
+def test_a_subprogram_that_leaves_g90_and_g91_to_its_caller_moves_nobody_knows_where(measure: str, end: str) -> None:
+    """A call keeps modes: the same lines are places for one caller and increments for another."""
+    program = _read(f"F500\n{measure}G1 X10 Y0\nX20 Y10\nX0\n{end}\n")
+    unknown = measure == "" and end != "M30"
+    assert any("G90 or G91" in note.what for note in program.notes) == unknown
+    assert bool(program.motions.kind.size) != unknown

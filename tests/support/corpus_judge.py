@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -74,6 +74,12 @@ _UNDOTTED = re.compile(r"([XYZIJKR])([-+]?\d+)(?![\d.])")
 
 _UNREAD = re.compile(r"#.*|^\s*(?:M117|M20[1-5]|PROG|END|O\d|%|\$).*|[A-Z](?=\s*(?:[A-Z]|$))", re.MULTILINE)
 """Text, limits of printers, which name axes, numbers of programs and letters without numbers."""
+
+
+_CALLED: Final = re.compile(r"^(?![^(;\n]*M0*(?:2|30)(?!\d))[^(;\n]*(?:M0*(?:17|99)(?!\d)|^RET\b)", re.MULTILINE)
+"""Where a subprogram ends."""
+
+_MEASURE: Final = re.compile(r"^[^(;\n]*G9[01](?![\d.])", re.MULTILINE)
 
 
 class Judged(NamedTuple):
@@ -146,6 +152,8 @@ def axes_of(dialect: str, after: bytes) -> str:
 def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
     """Places of the motors (n, 3) [mm] and whether the tool cuts; None where nothing here reads the language."""
     text = data.decode("utf-8-sig", "replace")
+    if dialect in ("fanuc", "siemens") and nobody_knows_where(text):
+        return None
     runs = {"siemens": SiemensRun, "heidenhain": TncRun, "heidenhain-iso": iso_run}
     try:
         if dialect in runs:
@@ -166,6 +174,14 @@ def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | 
         return _sampled([interpret(read, begin, spiral=True) for begin in begins], laid)
     except (ArithmeticError, LookupError, TypeError, ValueError):
         return None
+
+
+def nobody_knows_where(text: str) -> bool:
+    """Return whether a text is a subprogram that says neither G90 nor G91: whoever calls it decides where it leads."""
+    bare = re.sub(r"\([^)]*\)", "", text.upper())
+    ends = [found.start() for found in (_END.search(bare),) if found]
+    called = _CALLED.search(bare)
+    return called is not None and not any(end < called.start() for end in ends) and _MEASURE.search(bare) is None
 
 
 def _thinned(path: np.ndarray) -> np.ndarray:

@@ -37,6 +37,10 @@ _MODES: Final[Mapping[float, tuple[bytes, str]]] = {
 _QUIET: Final = frozenset((5.0, 5.1, 8.0, 22.0, 23.0, 25.0, 26.0))
 """Look-ahead, contour control, limit checks: they move nothing."""
 _ARCS: Final = frozenset((2.0, 3.0))
+_OTHER_PLACES: Final = frozenset((4.0, 10.0, 28.0, 30.0, 50.0, 53.0, 65.0, 92.0))
+"""G words beside which axis words are no places, or those of the machine."""
+
+_PROGRAM_END: Final = re.compile(rb"M[ \t]*0*(2|30|99)(?!\d)")
 
 
 class PassedLines(msgspec.Struct, frozen=True, kw_only=True):
@@ -194,6 +198,34 @@ class Editor:
         for _, _, first, last in words:
             self._put(first, last)
         self._put(start, end, spare + b"0")
+
+
+def unmeasured(bare: bytes, lines: PlaceArray) -> int | None:
+    r"""Return the first line with places of a subprogram that says neither G90 nor G91 before; None without one.
+
+    What X, Y and Z mean in it is set by the program that calls it, which may be any.
+
+    Parameters
+    ----------
+    bare : bytes
+        The text, masked.
+    lines : PlaceArray
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> unmeasured(b"O1\nG1 X1.\nM99\n", np.array([0, 3, 10, 14]))
+    1
+    """
+    for number in range(lines.size - 1):
+        words = words_of(bare[lines[number] : lines[number + 1]])
+        codes = {float(value) for letter, value, _, _ in words if letter == b"G"}
+        if codes & {90.0, 91.0}:
+            return None
+        if not codes & _OTHER_PLACES and any(letter in b"XYZUVW" for letter, _, _, _ in words):
+            end = _PROGRAM_END.search(bare, int(lines[number]))
+            return number if end is not None and end[1] == b"99" else None
+    return None
 
 
 def jumps_and_loops(bares: Mapping[int, bytes], bare: bytes, lines: PlaceArray) -> list[PassedLines]:

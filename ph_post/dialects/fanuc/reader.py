@@ -17,7 +17,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.dialects.fanuc.lines import MACRO, Editor, PassedLines, jumps_and_loops, masked, words_of
+from ph_post.dialects.fanuc.lines import MACRO, Editor, PassedLines, jumps_and_loops, masked, unmeasured, words_of
 from ph_post.dialects.reading import (
     FORGOTTEN,
     NOT_UNDERSTOOD,
@@ -200,6 +200,7 @@ _LENGTHS: Final = np.isin(np.arange(256), [ord(letter) for letter in "XYZIJKRUVW
 """Letters of lengths and angles."""
 
 
+UNMEASURED: Final = "subprogram without G90 or G91: what its places mean is set by the program that calls it"
 FURTHER: Final = "ABC"
 """Axes of their own; U, V and W may be increments of X, Y and Z."""
 
@@ -286,6 +287,11 @@ def read_fanuc(
             _pass(_modal_call(number, bare, lines), texts, remarks)
         if editor.begins_nurbs:
             curved.append(number)
+    first = unmeasured(bare, lines)
+    if first is not None and texts[first].strip() != NOT_UNDERSTOOD.encode():
+        # Of two words of a group the reader knows that either may hold.
+        texts[first] = b"G90 G91 " + texts[first]
+        remarks[first] = Remark(what=UNMEASURED)
     nurbs = find_nurbs(bare, lines, curved, calculator=calculator)
     for one in nurbs:
         one.write(texts, remarks)

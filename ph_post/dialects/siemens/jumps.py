@@ -9,6 +9,7 @@ from typing import Final
 JUMPED: Final = "lines of a jump"
 REPEATED: Final = "repeated part"
 CALLED: Final = "call of another program"
+UNMEASURED: Final = "subprogram without G90 or G91: what its places mean is set by the program that calls it"
 
 _SKIP: Final = r"^\s*(?:(?:/\d?|\d)\s*)?"
 """Block delete. No two blanks are beside each other: many of them would be tried in every way they can be shared."""
@@ -23,6 +24,10 @@ _LABEL: Final = re.compile(r"^\s*(?:[N:]\d+\s*)?([A-Z_]\w+)\s*:(?!=)", re.IGNORE
 _NUMBER: Final = re.compile(_SKIP + r"(N\d+|:\d+)", re.IGNORECASE)
 _OPENS: Final = re.compile(_LEAD + r"(IF|WHILE|FOR|LOOP|REPEAT)\b", re.IGNORECASE)
 _CLOSES: Final = re.compile(_LEAD + r"(ENDIF|ENDWHILE|ENDFOR|ENDLOOP|UNTIL)\b", re.IGNORECASE)
+
+_MEASURE: Final = re.compile(r"\bG9[01]\b", re.IGNORECASE)
+_PLACE: Final = re.compile(r"(?<![A-Z_$\d])[XYZ]\s*(?:=|[-+\d.])", re.IGNORECASE)
+_END: Final = re.compile(_LEAD + r".*?\b(M0*(?:2|17|30)(?!\d)|RET\b)", re.IGNORECASE)
 
 
 def find_stretches(lines: Sequence[str]) -> dict[int, str]:
@@ -67,7 +72,21 @@ def find_stretches(lines: Sequence[str]) -> dict[int, str]:
                 _mark(found, number, ends, len(lines), REPEATED)
         elif _CALL.search(text):
             found[number] = CALLED
+    for number in _unmeasured(lines):
+        found.setdefault(number, UNMEASURED)
     return found
+
+
+def _unmeasured(lines: Sequence[str]) -> range:
+    """Return the lines from the first with places up to the first G90 or G91 of what ends as a subprogram."""
+    first = next((number for number, text in enumerate(lines) if _MEASURE.search(text) or _PLACE.search(text)), None)
+    if first is None or _MEASURE.search(lines[first]):
+        return range(0)
+    end = next((found for text in lines[first:] if (found := _END.match(text)) is not None), None)
+    if end is None or re.fullmatch(r"M0*17|RET", end[1], re.IGNORECASE) is None:
+        return range(0)
+    behind = (number for number in range(first, len(lines)) if _MEASURE.search(lines[number]))
+    return range(first, next(behind, len(lines)))
 
 
 def _mark(found: dict[int, str], number: int, targets: Sequence[int], count: int, what: str) -> None:
