@@ -13,7 +13,9 @@ import msgspec
 
 from ph_post.expand.fanuc import FanucRunner
 from ph_post.expand.faults import ExpandError
+from ph_post.expand.iso_corners import IsoCorners
 from ph_post.expand.klartext import KlartextRunner
+from ph_post.expand.klartext_corners import KlartextCorners
 from ph_post.expand.lines import Source
 from ph_post.expand.macro import FanucNumbers
 from ph_post.expand.run import ProgramRunner
@@ -30,15 +32,18 @@ _NEEDED: Final = re.compile(
 """What a program that computes has somewhere."""
 
 _MACRO: Final = re.compile(
-    rb"#|\[|M[ \t]*0*98(?!\d)|G[ \t]*(?:0*65|68|51(?:\.1)?|7[346]|8[1-9])(?![\d.])|GOTO", re.IGNORECASE
+    rb"#|\[|M[ \t]*0*98(?!\d)|G[ \t]*(?:0*65|68|51(?:\.1)?|7[346]|8[1-9])(?![\d.])|GOTO|,[ \t]*[RC]", re.IGNORECASE
 )
 
 _STRUCTURED: Final = re.compile(
-    rb"\bR\d+\s*=|=\s*\S*\bR\d+\b|\b(?:REPEATB?|GOTO[FBC]?|FOR|WHILE|LOOP|IF)\b", re.IGNORECASE
+    rb"\bR\d+\s*=|=\s*\S*\bR\d+\b|\b(?:REPEATB?|GOTO[FBC]?|FOR|WHILE|LOOP|IF)\b|\b(?:RND|CHF|CHR)[ \t]*=",
+    re.IGNORECASE,
 )
 """What a program of Siemens that computes has somewhere."""
 
-_CONVERSATIONAL: Final = re.compile(rb"\bCALL\s+LBL|GOTO\b|CYCL\s+CALL|Q[LR]?\d|M\s*99(?!\d)", re.IGNORECASE)
+_CONVERSATIONAL: Final = re.compile(
+    rb"\bCALL\s+LBL|GOTO\b|CYCL\s+CALL|Q[LR]?\d|M\s*99(?!\d)|\b(?:RND|CHF)\b", re.IGNORECASE
+)
 """What a conversational program of Heidenhain that computes has somewhere."""
 
 _TOP: Final = re.compile(r"\s*(?:%|;\$PATH=|[Oo:]\s*\d+\s*(?:\(.*)?$|(?:\d+\s+)?BEGIN\s+PGM\b)", re.IGNORECASE)
@@ -185,6 +190,13 @@ def expand(
         if assumed and parameters is None:
             named = ", ".join(f"#{key}" for key in assumed[:8]) + (", …" if len(assumed) > 8 else "")
             notes.insert(0, f"taken to be 0, as nothing was put there before they were read: {named}")
+    corners = (
+        KlartextCorners(lines) if klartext else IsoCorners(lines, fanuc) if sinumerik or fanuc is not None else None
+    )
+    if corners is not None:
+        plain = corners.written()
+        lines, changed = plain, changed or plain != lines
+        notes += [f"{name}: {note}" for note in corners.notes]
     if not changed:
         return Expansion(data=data, notes=tuple(notes))
     kept = None if parameters is None else dict(parameters)

@@ -406,6 +406,8 @@ class FanucBlocks:
         assert frame is not None
         if machine.modes["cutter"] != 400 and frame.factors:
             raise NotExpandableError("cutter compensation in scaled or mirrored coordinates")
+        if frame.factors and any(word.letters[0] == "," for word in words):
+            raise NotExpandableError("a corner in scaled or mirrored coordinates")
         texts = []
         for word in words:
             if word.letters == "g" and frame.mirrors and round(10.0 * word.value) in _ARCS:

@@ -1,0 +1,268 @@
+"""Corners of Fanuc's (``,R ,C``) and Siemens's (RND, CHF, CHR) programs, written out as arcs and lines.
+
+FANUC Series 30i/31i/32i-MODEL B, Operator's Manual for Machining Center System, B-64484EN-2, "Optional chamfering and
+corner R": ``,C`` is the distance from the corner to where the chamfer begins and ends, ``,R`` the radius; the next
+block moves in the plane too. SINUMERIK 840D sl / 828D, Programming Manual, Fundamentals, 6FC5398-1BP40-2BA0, "Chamfer,
+rounding": CHF is the chamfer's own length, CHR its width in the direction of motion, FRC the feed of the corner alone;
+whose feed it has otherwise is a setting.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+
+from ph_post.expand.corners import Corner, Element, Kind, corner_between
+from ph_post.expand.faults import NotExpandableError
+from ph_post.expand.macro import FanucNumbers, plain_value, word_text
+from ph_post.expand.writing import number_text
+
+_NUMBER: Final = r"([-+]?\s*(?:\d+\.?\d*|\.\d+))"
+_FANUC: Final = re.compile(rf"\s*(,\s*[CR]|[A-Z])\s*{_NUMBER}")
+_SIEMENS: Final = re.compile(rf"\s*(RNDM|RND|CHF|CHR|FRCM|FRC|CR|[A-Z])\s*=?\s*{_NUMBER}(?![\d=(])")
+_LEAD: Final = re.compile(r"\s*(?:N\s*\d+\s*)?")
+_KINDS: Final[dict[str, Kind]] = {",R": "radius", ",C": "legs", "RND": "radius", "CHR": "legs", "CHF": "length"}
+_SHAPES: Final = frozenset(("X", "Y", "Z", "I", "J", "K", "R", "CR"))
+_STILL: Final = frozenset((8.0, 9.0, 40.0, 41.0, 42.0, 60.0, 61.0, 64.0, 94.0, *(640.0 + n for n in range(1, 7))))
+"""G words that leave all that is followed as it is."""
+_STILL_ORDERS: Final = frozenset((0, 1, 3, 4, 5, 7, 8, 9))
+_DECIMALS: Final = 6
+
+
+class IsoMove(msgspec.Struct, kw_only=True):
+    """A block that moves: what stands before and behind its words, these, and the motion that it makes."""
+
+    lead: str
+    words: list[tuple[str, str]]
+    tail: str
+    mode: int
+    absolute: bool
+    element: Element | None = None
+    wrote: complex | None = None
+    corner: tuple[str, float] | None = None
+
+
+class IsoCorners:
+    """Follows blocks in the plane of X and Y, and writes their corners out.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Of a program that runs from the first to the last, with plain numbers.
+    fanuc : FanucNumbers or None
+        How a control of Fanuc counts; None for Siemens's language.
+
+    Attributes
+    ----------
+    notes : list of str
+        Corners that stay as they are, and why.
+    """
+
+    def __init__(self, lines: Sequence[str], fanuc: FanucNumbers | None) -> None:
+        self.notes: list[str] = []
+        self._lines, self._fanuc = list(lines), fanuc
+        self._mode: int | None = None
+        self._absolute, self._plane, self._units = True, True, 210
+        self._at: dict[str, float] = {}
+        self._feed = ""
+        self._open: tuple[int, IsoMove] | None = None
+
+    def written(self) -> list[str]:
+        """Return the lines."""
+        out: list[list[str]] = []
+        ended = False
+        for line in self._lines:
+            out.append([line])
+            bare = self._bare(line)
+            if ended or not bare.strip() or bare.lstrip()[:1] in ("%", "O", ":"):
+                continue
+            ended = self._follow(out, line, bare)
+        self._close("no move behind it")
+        return [line for lines in out for line in lines]
+
+    def _bare(self, line: str) -> str:
+        pattern = r";.*" if self._fanuc is None else r"\([^)]*\)?|;.*"
+        return re.sub(pattern, lambda found: " " * len(found[0]), line).upper()
+
+    def _follow(self, out: list[list[str]], line: str, bare: str) -> bool:
+        """Follow a line; return whether the program ends in it."""
+        lead = _LEAD.match(bare)
+        assert lead is not None
+        at, words = lead.end(), list[tuple[str, str]]()
+        pattern = _SIEMENS if self._fanuc is None else _FANUC
+        while at < len(bare.rstrip()):
+            found = pattern.match(bare, at)
+            if found is None:
+                self._forget()
+                return False
+            words.append((re.sub(r"\s", "", found[1]), re.sub(r"\s", "", found[2])))
+            at = found.end()
+        codes = {float(number) for name, number in words if name == "G"}
+        orders = {int(float(number)) for name, number in words if name == "M"}
+        if not self._modes(codes) or orders - _STILL_ORDERS or any(name in ("RNDM", "FRCM") for name, _ in words):
+            self._forget()
+            return bool(orders & {2, 17, 30, 99})
+        if self._mode is not None and not codes & {4.0} and any(name in _SHAPES for name, _ in words):
+            move = IsoMove(
+                lead=line[: lead.end()], words=words, tail=line[at:], mode=self._mode, absolute=self._absolute
+            )
+            self._move(out, move, still=bool(orders))
+        else:
+            self._close("no move behind it")
+            self._take_feed(words)
+        return False
+
+    def _modes(self, codes: set[float]) -> bool:
+        """Take modes; return False where a G word may change what is not followed."""
+        for code in codes:
+            if code in (0.0, 1.0, 2.0, 3.0):
+                self._mode = int(code)
+            elif code in (90.0, 91.0):
+                self._absolute = code == 90.0
+            elif code in (17.0, 18.0, 19.0):
+                self._plane = code == 17.0
+            elif code in (20.0, 21.0, 70.0, 71.0, 700.0, 710.0, 43.0, 49.0, *map(float, range(54, 60))):
+                self._units = {20.0: 200, 21.0: 210}.get(code, self._units)
+                self._at = {}
+            elif code != 4.0 and code not in _STILL:
+                return False
+        return True
+
+    def _forget(self) -> None:
+        self._close("no move behind it")
+        self._at, self._mode, self._feed = {}, None, ""
+
+    def _value(self, name: str, number: str) -> float:
+        if self._fanuc is None:
+            return float(number)
+        return plain_value(name[-1].lower(), number.lstrip("+"), self._fanuc, self._units)
+
+    def _text(self, name: str, value: float) -> str:
+        if self._fanuc is None:
+            return f"{name}{number_text(value, _DECIMALS)}"
+        return word_text(name.lower(), value, self._fanuc.decimals + (self._units == 200))
+
+    def _take_feed(self, words: list[tuple[str, str]]) -> None:
+        self._feed = next((number for name, number in words if name == "F"), self._feed)
+
+    def _move(self, out: list[list[str]], move: IsoMove, *, still: bool) -> None:
+        given = {name: self._value(name, number) for name, number in move.words if name not in ("N", "G", "M")}
+        start, height = self._place(), self._at.get("Z")
+        for axis in ("X", "Y", "Z"):
+            if axis in given:
+                base = 0.0 if move.absolute else self._at.get(axis)
+                self._at.pop(axis, None)
+                if base is not None:
+                    self._at[axis] = base + given[axis]
+        end = self._place()
+        known = start is not None and end is not None and self._plane and self._at.get("Z") == height
+        known = known and not {"K", "A", "B", "C", "U", "V", "W", "P"} & given.keys()
+        if known and start is not None and end is not None:
+            move.element = self._element(move, given, start, end)
+        opened, self._open = self._open, None
+        if opened is not None:
+            try:
+                self._write(out, opened, move)
+            except NotExpandableError as error:
+                self._note(opened[1], error.what)
+        self._take_feed(move.words)
+        move.wrote = start if move.wrote is None else move.wrote
+        kind = next((name for name in given if name in _KINDS), "")
+        if kind:
+            move.corner = kind, given[kind]
+            self._open = len(out) - 1, move
+            if still:
+                self._close("an M function beside it")
+
+    def _place(self) -> complex | None:
+        return complex(self._at["X"], self._at["Y"]) if {"X", "Y"} <= self._at.keys() else None
+
+    def _element(self, move: IsoMove, given: dict[str, float], start: complex, end: complex) -> Element | None:
+        if start == end or move.mode == 0:
+            return None
+        if move.mode == 1:
+            return Element(start=start, end=end)
+        left, radius = move.mode == 3, given.get("R", given.get("CR"))
+        if radius is None:
+            return Element(
+                start=start, end=end, center=start + complex(given.get("I", 0.0), given.get("J", 0.0)), left=left
+            )
+        half = 0.5 * abs(end - start)
+        if radius < half:
+            return None  # more than half a turn, whose sign would have to change, or none
+        side = 1j if left else -1j
+        center = 0.5 * (start + end) + side * (end - start) / abs(end - start) * math.sqrt(radius**2 - half**2)
+        return Element(start=start, end=end, center=center, left=left)
+
+    def _write(self, out: list[list[str]], opened: tuple[int, IsoMove], after: IsoMove) -> None:
+        row, before = opened
+        assert before.corner is not None
+        if before.element is None or after.element is None or before.wrote is None:
+            raise NotExpandableError("one of its moves is no cut in the plane of X and Y from a known place")
+        name, size = before.corner
+        own = next((number for word, number in before.words if word == "FRC"), "")
+        feed = next((number for word, number in before.words if word == "F"), self._feed)
+        other = next((number for word, number in after.words if word == "F"), "")
+        if self._fanuc is None and not own and other and other != feed:
+            raise NotExpandableError("the feed changes behind it, and a setting says which one it has")
+        if own and not (other or feed):
+            raise NotExpandableError("it has a feed, and that behind it is not known")
+        found = corner_between(before.element, after.element, _KINDS[name], size)
+        before.element = msgspec.structs.replace(before.element, end=found.begin)
+        text, place = self._rewritten(before, before.wrote)
+        corner, place = self._corner(before, found, place, own)
+        after.element = msgspec.structs.replace(after.element, start=found.end)
+        after.wrote = place
+        out[row][-1] = text
+        if own and not other:
+            after.words.append(("F", feed))
+        if not any(word == "G" and float(number) == after.mode for word, number in after.words):
+            after.words.insert(0, ("G", str(after.mode)))
+        out[-1] = [corner, self._rewritten(after, place, corner=True)[0]]
+
+    def _ends(self, move: IsoMove, end: complex, wrote: complex) -> tuple[list[str], complex]:
+        """Return the words of a place in the plane, and that place as it is written."""
+        decimals = _DECIMALS if self._fanuc is None else self._fanuc.decimals + (self._units == 200)
+        rounded = complex(round(end.real, decimals), round(end.imag, decimals))
+        way = rounded - (0.0 if move.absolute else wrote)
+        return [self._text("X", way.real), self._text("Y", way.imag)], rounded
+
+    def _rewritten(self, move: IsoMove, wrote: complex, *, corner: bool = False) -> tuple[str, complex]:
+        """Return the line of a move whose ends are others, and where it ends; it keeps its own `corner` word or not."""
+        assert move.element is not None
+        ends, place = self._ends(move, move.element.end, wrote)
+        dropped = {"X", "Y", "I", "J"} | (set() if corner else {*_KINDS, "FRC"})
+        radius = any(name in ("R", "CR") for name, _ in move.words)
+        if move.element.center is not None and not radius:
+            away = move.element.center - wrote
+            ends += [self._text("I", away.real), self._text("J", away.imag)]
+        first = [f"G{number}" for name, number in move.words if name == "G"]
+        rest = [_joined(name, number) for name, number in move.words if name not in dropped and name != "G"]
+        return move.lead + " ".join([*first, *ends, *rest]) + move.tail, place
+
+    def _corner(self, before: IsoMove, found: Corner, wrote: complex, feed: str) -> tuple[str, complex]:
+        ends, place = self._ends(before, found.end, wrote)
+        word = "G1"
+        if found.radius:
+            word = "G3" if found.left else "G2"
+            ends.append(f"CR={self._text('', found.radius)}" if self._fanuc is None else self._text("R", found.radius))
+        return " ".join([word, *ends, *([f"F{feed}"] if feed else [])]), place
+
+    def _close(self, why: str) -> None:
+        if self._open is not None:
+            self._note(self._open[1], why)
+        self._open = None
+
+    def _note(self, move: IsoMove, why: str) -> None:
+        assert move.corner is not None
+        said = f"{_joined(move.corner[0], f'{move.corner[1]:g}')} stays as it is: {why}"
+        if said not in self.notes:
+            self.notes.append(said)
+
+
+def _joined(name: str, number: str) -> str:
+    return f"{name}={number}" if len(name) > 1 and name[0] != "," else f"{name}{number}"

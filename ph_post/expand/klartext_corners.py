@@ -1,0 +1,244 @@
+"""RND and CHF of Heidenhain's conversational programs, written out as arcs and lines.
+
+HEIDENHAIN, iTNC 530 User's Manual, Conversational (340 49x), 6.4: RND is an arc that touches the contour elements
+before and behind, CHF cuts its length off both of two straight lines; their feed is theirs alone.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+
+from ph_post.expand.corners import Corner, Element, Kind, corner_between
+from ph_post.expand.faults import NotExpandableError
+from ph_post.expand.klartext_lines import KlartextBlock, read_blocks, tnc_number
+
+_NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
+_CORNER: Final = re.compile(rf"(RND|CHF)\s*R?\s*({_NUMBER})(?:\s*F\s*({_NUMBER}))?$")
+_MOVE: Final = re.compile(r"(CR|C|L)(?![A-Z]|\s*=)|L(?=I?[XYZ])")
+_CENTER: Final = re.compile(r"CC(?![A-Z])")
+_ABSOLUTE_CENTER: Final = re.compile(rf"CC\s*X\s*{_NUMBER}\s*Y\s*{_NUMBER}$")
+"""A centre that is the same wherever the corner before it ends."""
+_WORD: Final = re.compile(
+    rf"\s*(?:(I?)([XYZ])\s*({_NUMBER})|R([LR]|0(?![\d.,]))|R\s*({_NUMBER})|DR\s*([-+])|F\s*(MAX|{_NUMBER})|M\s*(\d+))"
+)
+_STILL: Final = re.compile(
+    r"\*|BLK\s+FORM|TOOL\s+DEF|BEGIN\s+PGM|(?:M\s*0*(?:3|4|5|8|9|13|14)\s*)+$|CYCL\s+DEF\s+(?:9|32)\b"
+)
+"""Blocks that leave tool, centre and feed as they are."""
+_TOOL: Final = re.compile(r"TOOL\s+CALL\b.*?\b([XYZ])\b")
+_AT_THE_BEGIN: Final = frozenset((3, 4, 8, 13, 14))
+_AT_THE_END: Final = frozenset((0, 1, 2, 5, 9, 30))
+_DECIMALS: Final = 4
+
+
+class KlartextMove(msgspec.Struct, kw_only=True):
+    """A block that moves: its word, what it says, and whether that was changed."""
+
+    block: KlartextBlock
+    word: str
+    places: dict[str, tuple[str, str]]
+    radius: str = ""
+    sense: str = ""
+    side: str = ""
+    feed: str = ""
+    functions: tuple[int, ...] = ()
+    element: Element | None = None
+
+    def text(self) -> str:
+        """Return the block's words."""
+        parts = [f"{step}{axis}{number}" for axis, (step, number) in self.places.items()]
+        parts += [f"R{self.radius}"] * bool(self.radius) + [f"DR{self.sense}"] * bool(self.sense)
+        parts += [f"R{self.side}"] * bool(self.side) + [f"F{self.feed}"] * bool(self.feed)
+        return " ".join([self.word, *parts, *(f"M{number}" for number in self.functions)])
+
+    def goes_to(self, end: complex) -> None:
+        """Let it end elsewhere in the plane."""
+        own = {
+            axis: ("", tnc_number(value, _DECIMALS, sign=True)) for axis, value in (("X", end.real), ("Y", end.imag))
+        }
+        self.places = {**own, **{axis: place for axis, place in self.places.items() if axis not in own}}
+
+
+def _value(text: str) -> float:
+    return float(text.replace(",", "."))
+
+
+def _move_of(block: KlartextBlock) -> KlartextMove | None:
+    """Read a block that moves in X, Y and Z alone; None of others."""
+    word = _MOVE.match(block.words)
+    if word is None:
+        return None
+    found = KlartextMove(block=block, word=word[1] or "L", places={})
+    at = word.end()
+    while at < len(block.words):
+        part = _WORD.match(block.words, at)
+        if part is None:
+            return None
+        step, axis, number, side, radius, sense, feed, function = part.groups()
+        if axis:
+            found.places[axis] = (step, number)
+        found.side, found.radius = side or found.side, radius or found.radius
+        found.sense, found.feed = sense or found.sense, feed or found.feed
+        found.functions += (int(function),) if function else ()
+        at = part.end()
+    return found
+
+
+class KlartextCorners:
+    """Follows blocks in the plane of X and Y, and writes their corners out.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Of a program that runs from the first to the last, with plain numbers.
+
+    Attributes
+    ----------
+    notes : list of str
+        Corners that stay as they are, and why.
+    """
+
+    def __init__(self, lines: Sequence[str]) -> None:
+        self.notes: list[str] = []
+        self._out: list[list[str]] = []
+        self._blocks = read_blocks(lines)
+        self._at: dict[str, float] = {}
+        self._pole: complex | None = None
+        self._plane = True
+        self._feed = ""
+        self._last: tuple[int, KlartextMove] | None = None
+        self._open: tuple[int, re.Match[str], tuple[int, KlartextMove]] | None = None
+
+    def written(self) -> list[str]:
+        """Return the lines."""
+        for block in self._blocks:
+            self._out.append(block.lines)
+            if block.words.startswith("END PGM"):
+                self._close("no move behind it")
+                behind = block.first + len(block.lines)
+                self._out += [one.lines for one in self._blocks if one.first >= behind]
+                break
+            if block.words:
+                self._follow(len(self._out) - 1, block)
+        return [line for lines in self._out for line in lines]
+
+    def _follow(self, index: int, block: KlartextBlock) -> None:
+        corner = _CORNER.match(block.words)
+        if corner is not None:
+            self._close("no move behind it")
+            if self._last is None:
+                self._note(corner, "the move before it is not known")
+            else:
+                self._open = index, corner, self._last
+            self._last = None
+            return
+        move = None if block.slash else _move_of(block)
+        if move is not None:
+            self._move(index, move)
+            return
+        center = _CENTER.match(block.words) is not None and not block.slash
+        if not (center and _ABSOLUTE_CENTER.match(block.words)):
+            self._close("no move behind it")
+        self._last = None
+        if center:
+            self._pole = self._center(block.words)
+        elif not _STILL.match(block.words):
+            tool = _TOOL.match(block.words)
+            self._plane = self._plane if tool is None else tool[1] == "Z"
+            self._at, self._pole, self._feed = {}, None, ""
+
+    def _center(self, words: str) -> complex | None:
+        here = self._place()
+        places: dict[str, float] = {}
+        for step, axis, number in re.findall(rf"(I?)([XYZ])\s*({_NUMBER})", words):
+            places[axis] = _value(number) + (self._at.get(axis, math.nan) if step else 0.0)
+        if not places:
+            return here
+        had = complex(math.nan, math.nan) if self._pole is None else self._pole
+        found = complex(places.get("X", had.real), places.get("Y", had.imag))
+        return None if "Z" in places or "Q" in words or math.isnan(abs(found)) else found
+
+    def _place(self) -> complex | None:
+        return complex(self._at["X"], self._at["Y"]) if {"X", "Y"} <= self._at.keys() else None
+
+    def _move(self, index: int, move: KlartextMove) -> None:
+        if {91, 92, 89, 99} & set(move.functions):
+            self._close("no move behind it")
+            self._at, self._last = {}, None
+            return
+        start, height = self._place(), self._at.get("Z")
+        for axis, (step, number) in move.places.items():
+            base = self._at.get(axis) if step else 0.0
+            self._at.pop(axis, None)
+            if base is not None:
+                self._at[axis] = base + _value(number)
+        end = self._place()
+        if start is not None and end is not None and self._plane and self._at.get("Z") == height and move.feed != "MAX":
+            move.element = self._element(move, start, end)
+        opened, self._open = self._open, None
+        if opened is not None:
+            try:
+                self._write(opened, move)
+            except NotExpandableError as error:
+                self._note(opened[1], error.what)
+            else:
+                self._out[index] = move.block.with_words(move.text())
+        self._feed = self._feed if move.feed in ("", "MAX") else move.feed
+        self._last = index, move
+
+    def _element(self, move: KlartextMove, start: complex, end: complex) -> Element | None:
+        if move.word == "L":
+            return None if start == end else Element(start=start, end=end)
+        left, center = move.sense == "+", self._pole
+        if not move.sense or start == end:
+            return None
+        if move.word == "CR":
+            radius, half = _value(move.radius) if move.radius else 0.0, 0.5 * abs(end - start)
+            if radius < half:
+                return None  # more than half a turn, whose sign of R would have to change, or none
+            side = 1j if left else -1j
+            center = 0.5 * (start + end) + side * (end - start) / abs(end - start) * math.sqrt(radius**2 - half**2)
+        return None if center is None else Element(start=start, end=end, center=center, left=left)
+
+    def _write(self, opened: tuple[int, re.Match[str], tuple[int, KlartextMove]], after: KlartextMove) -> None:
+        index, match, (row, before) = opened
+        kind: Kind = "radius" if match[1] == "RND" else "legs"
+        if before.element is None or after.element is None:
+            raise NotExpandableError("one of its moves is not one in the plane of X and Y from a known place")
+        if not set(before.functions) <= _AT_THE_BEGIN or not set(after.functions) <= _AT_THE_BEGIN | _AT_THE_END:
+            raise NotExpandableError("an M function beside it")
+        if match[3] and not (after.feed or self._feed):
+            raise NotExpandableError("it has a feed, and that behind it is not known")
+        found = corner_between(before.element, after.element, kind, _value(match[2]))
+        before.goes_to(found.begin)
+        before.element = msgspec.structs.replace(before.element, end=found.begin)
+        self._out[row] = before.block.with_words(before.text())
+        self._out[index] = read_blocks(self._out[index])[0].with_words(_corner_text(found, match[3]))
+        after.goes_to(after.element.end)
+        after.element = msgspec.structs.replace(after.element, start=found.end)
+        if match[3] and not after.feed:
+            after.feed = self._feed
+
+    def _close(self, why: str) -> None:
+        if self._open is not None:
+            self._note(self._open[1], why)
+        self._open = None
+
+    def _note(self, corner: re.Match[str], why: str) -> None:
+        said = f"{corner[0]} stays as it is: {why}"
+        if said not in self.notes:
+            self.notes.append(said)
+
+
+def _corner_text(found: Corner, feed: str | None) -> str:
+    x, y = (tnc_number(value, _DECIMALS, sign=True) for value in (found.end.real, found.end.imag))
+    text = f"L X{x} Y{y}"
+    if found.radius:
+        radius = tnc_number(found.radius, _DECIMALS, sign=True)
+        text = f"CR X{x} Y{y} R{radius} DR{'+' if found.left else '-'}"
+    return f"{text} F{feed}" if feed else text

@@ -1,0 +1,178 @@
+"""Corners that controls round or chamfer, written out, beside players of the tests that know nothing of corners."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from support.reference_player import interpret, run
+from support.sinumerik_motions import Run as SiemensRun
+from support.tnc_motions import TncRun
+
+from ph_post.expand.expand import expand
+from ph_post.expand.macro import FanucNumbers
+
+HOW = {"fanuc": {"fanuc": FanucNumbers()}, "siemens": {"sinumerik": True}, "heidenhain": {"klartext": True}}
+HEADS = {
+    "fanuc": "%\nO1\nG21 G17 G90 G94\nG0 X0. Y0. Z5.\nG1 Z-1. F200.\n",
+    "siemens": "G71 G17 G90 G94\nG0 X0 Y0 Z5\nG1 Z-1 F200\n",
+    "heidenhain": "BEGIN PGM A MM\nTOOL CALL 1 Z S1500\nL X+0 Y+0 Z+5 R0 FMAX\nL Z-1 F200\n",
+}
+ENDS = {"fanuc": "M30\n%\n", "siemens": "M30\n", "heidenhain": "END PGM A MM\n"}
+
+
+def written(dialect: str, body: str) -> tuple[list[str], tuple[str, ...]]:
+    """Return the lines of a body that was written out, and the notes."""
+    data = (HEADS[dialect] + body + ENDS[dialect]).encode()
+    found = expand(data, "a", **HOW[dialect])
+    lines = [line for line in found.data.decode().splitlines() if "ph-post" not in line.lower()]
+    first = HEADS[dialect].count("\n")
+    return lines[first : len(lines) - ENDS[dialect].count("\n")], found.notes
+
+
+def played(dialect: str, lines: list[str]) -> np.ndarray:
+    """Places in the plane of a body that moves, one by one [mm]."""
+    text = HEADS[dialect] + "\n".join(lines) + "\n" + ENDS[dialect]
+    if dialect == "fanuc":
+        found = run(interpret(text, (0.0, 0.0, 5.0)), 0.01).motor
+    else:
+        found = (SiemensRun if dialect == "siemens" else TncRun)(text).path
+    places = found[found[:, 2] <= -1.0 + 1e-9][:, :2]
+    moved = np.append(True, np.linalg.norm(np.diff(places, axis=0), axis=1) > 5e-3)
+    return places[moved]
+
+
+def without_corners(lines: list[str]) -> list[str]:
+    """Leave out words that the players do not know."""
+    return [line for line in (re.sub(r",R\S+|RND\S*( R\S+)?", "", line).strip() for line in lines) if line]
+
+
+def number(dialect: str, value: float) -> str:
+    return f"{value:.3f}" if dialect == "fanuc" else f"{value:+.4f}" if dialect == "heidenhain" else f"{value:.4f}"
+
+
+def contour(dialect: str, moves: list[tuple[complex, float, bool]], corners: list[str]) -> list[str]:
+    """Write moves to places, lines or arcs by their radius, with the words of a corner behind each."""
+    lines = []
+    for place, radius, left in moves:
+        x, y = (number(dialect, value) for value in (place.real, place.imag))
+        if dialect == "heidenhain":
+            sign = "+" if left else "-"
+            lines.append(f"CR X{x} Y{y} R+{radius:.4f} DR{sign}" if radius else f"L X{x} Y{y}")
+        else:
+            word = ("G3" if left else "G2") if radius else "G1"
+            size = "" if not radius else f" R{radius:.3f}" if dialect == "fanuc" else f" CR={radius:.4f}"
+            lines.append(f"{word} X{x} Y{y}{size}")
+    if dialect == "heidenhain":
+        return [line for pair in zip(lines, [*corners, ""], strict=True) for line in pair if line]
+    return [f"{line} {corner}".strip() for line, corner in zip(lines, [*corners, ""], strict=True)]
+
+
+def corner_word(dialect: str, radius: float) -> str:
+    return {"fanuc": f",R{radius:.3f}", "siemens": f"RND={radius:.4f}", "heidenhain": f"RND R{radius:.4f}"}[dialect]
+
+
+def random_moves(random: np.random.Generator) -> list[tuple[complex, float, bool]]:
+    found, at = [], 0j
+    for _ in range(6):
+        to = at + 25.0 * np.exp(1j * random.uniform(0.0, math.tau))
+        radius = float(random.uniform(15.0, 60.0)) if random.random() < 0.4 else 0.0
+        found.append((to, radius, bool(random.random() < 0.5)))
+        at = to
+    return found
+
+
+@pytest.mark.parametrize("dialect", HOW)
+@pytest.mark.parametrize("seed", range(12))
+def test_a_rounded_corner_is_an_arc_of_its_radius_that_goes_on_smoothly(dialect: str, seed: int) -> None:
+    """The way keeps to the sharp contour, turns nowhere at once where a corner was rounded, and bends by its radius."""
+    random = np.random.default_rng(seed)
+    moves, radius = random_moves(random), float(random.uniform(0.5, 2.0))
+    body = contour(dialect, moves, [corner_word(dialect, radius)] * 5)
+    lines, notes = written(dialect, "\n".join(body) + "\n")
+    kept = len([line for line in lines if re.search(r",R|RND", line)])
+    assert (kept > 0) == bool(notes)
+    sharp, round_ = (played(dialect, without_corners(text)) for text in (body, lines))
+    assert np.allclose(round_[[0, -1]], sharp[[0, -1]], atol=2e-3)
+    off = cKDTree(sharp).query(round_)[0]
+    away = off > 0.02
+    steps = np.diff(round_, axis=0)
+    angle = np.angle(np.exp(1j * np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))))
+    assert (np.abs(angle) > 0.06).sum() <= kept
+    for stretch in np.split(np.flatnonzero(away), np.flatnonzero(np.diff(np.flatnonzero(away)) > 1) + 1):
+        if stretch.size > 20:
+            places = round_[stretch]
+            rows = np.column_stack([2.0 * places, np.ones(len(places))])
+            x, y, c = np.linalg.lstsq(rows, (places**2).sum(axis=1), rcond=None)[0]
+            assert math.sqrt(c + x * x + y * y) == pytest.approx(radius, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("dialect", "body", "expected"),
+    [
+        # The example of the manual (iTNC 530, 6.4), closed to the right, with the feed of the chamfer alone.
+        (
+            "heidenhain",
+            "L X+0 Y+30 RL F300 M3\nL X+40 IY+5\nCHF 12 F250 ; edge\nL IX+5 Y+0\nL X+0\n",
+            [
+                "L X+0 Y+30 RL F300 M3",
+                "L X+28.0927 Y+33.5116",
+                "L X+41.6971 Y+23.1206 F250 ; edge",
+                "L X+45 Y+0 F300",
+                "L X+0",
+            ],
+        ),
+        (
+            "heidenhain",
+            "L X+20\nRND 5\nCC X+20 Y+20\nL Y+20\n",
+            ["L X+15 Y+0", "CR X+20 Y+5 R+5 DR+", "CC X+20 Y+20", "L X+20 Y+20"],
+        ),
+        ("fanuc", "X20. ,R5.\nY20. F300.\n", ["X15. Y0.", "G3 X20. Y5. R5.", "G1 X20. Y20. F300."]),
+        ("fanuc", "N10 G91 X20. , C5. (a)\nN20 Y-20.\n", ["N10 G91 X15. Y0. (a)", "G1 X5. Y-5.", "N20 G1 X0. Y-15."]),
+        ("siemens", "X20 CHR=5\nY20\n", ["X15 Y0", "G1 X20 Y5", "G1 X20 Y20"]),
+        ("siemens", "X20 CHF=5 FRC=50 ; a\nY20\n", ["X16.464466 Y0 ; a", "G1 X20 Y3.535534 F50", "G1 X20 Y20 F200"]),
+        ("siemens", "X20 RND=5\nG2 X40 Y0 I10 J0\n", ["X17.5 Y0", "", ""]),
+    ],
+)
+def test_corners_by_hand(dialect: str, body: str, expected: list[str]) -> None:
+    lines, notes = written(dialect, body)
+    if expected[-1]:
+        assert lines == expected
+        assert not notes
+    else:
+        # An arc to the right that begins upright: the rounding turns to the left and touches it from outside.
+        assert lines[1].startswith("G3")
+        assert lines[2].startswith("G2 X40 Y0 I")
+
+
+@pytest.mark.parametrize(
+    ("dialect", "body", "why"),
+    [
+        ("heidenhain", "L X+20\nCHF 5\nL Z+5\n", "one of its moves is not one in the plane of X and Y"),
+        ("heidenhain", "L X+20\nCHF 30\nL Y+20\n", "a chamfer that is longer than its lines"),
+        ("heidenhain", "L X+20 M5\nRND 3\nL Y+20\n", "an M function beside it"),
+        ("heidenhain", "L X+20\nRND 3\nCYCL DEF 7.0\nL Y+20\n", "no move behind it"),
+        ("heidenhain", "L X+20 Y+20 FMAX\nRND 3\nL Y+0\n", "one of its moves is not one in the plane of X and Y"),
+        ("fanuc", "X20. ,R5.\nG0 Y20.\n", "one of its moves is no cut in the plane of X and Y"),
+        ("fanuc", "X20. ,R30.\nY20.\n", "a rounding that does not fit between its moves"),
+        ("fanuc", "X20. ,R3.\nX40.\n", "two moves that make no corner"),
+        ("fanuc", "X20. ,R3.\nG68 X0. Y0. R10.\nY40.\n", "no move behind it"),
+        ("siemens", "X20 RND=3\nY20 F500\n", "the feed changes behind it, and a setting says which one it has"),
+        ("siemens", "X20 RND=3\nG2 X40 Y0 CR=-20\n", "one of its moves is no cut in the plane of X and Y"),
+    ],
+)
+def test_what_is_not_certain_stays_and_is_named(dialect: str, body: str, why: str) -> None:
+    lines, notes = written(dialect, body)
+    assert lines == body.splitlines() or "G68" in body
+    assert len(notes) == 1 + ("G68" in body)
+    assert why in notes[-1]
+
+
+def test_a_corner_in_scaled_coordinates_stays() -> None:
+    """Whether its radius is scaled is not said."""
+    lines, notes = written("fanuc", "G51 X0. Y0. Z0. I2. J2. K2.\nG1 X20. Y1. Z-1. ,R3.\nY20.\nG50\n")
+    assert any(",R3." in line for line in lines)
+    assert any("a corner in scaled or mirrored coordinates" in note for note in notes)
