@@ -30,6 +30,7 @@ _SHAPES: Final = frozenset(("X", "Y", "Z", "I", "J", "K", "R", "CR"))
 _STILL: Final = frozenset((8.0, 9.0, 40.0, 41.0, 42.0, 60.0, 61.0, 64.0, 94.0, *(640.0 + n for n in range(1, 7))))
 """G words that leave all that is followed as it is."""
 _STILL_ORDERS: Final = frozenset((0, 1, 3, 4, 5, 7, 8, 9))
+_SCALE: Final = re.compile(r"\bA?SCALE\b")
 _DECIMALS: Final = 6
 
 
@@ -66,7 +67,7 @@ class IsoCorners:
         self.notes: list[str] = []
         self._lines, self._fanuc = list(lines), fanuc
         self._mode: int | None = None
-        self._absolute, self._plane, self._units = True, True, 210
+        self._absolute, self._plane, self._units, self._scaled = True, True, 210, False
         self._at: dict[str, float] = {}
         self._feed = ""
         self._open: tuple[int, IsoMove] | None = None
@@ -97,6 +98,7 @@ class IsoCorners:
         while at < len(bare.rstrip()):
             found = pattern.match(bare, at)
             if found is None:
+                self._scaled |= _SCALE.search(bare) is not None
                 self._forget()
                 return False
             words.append((re.sub(r"\s", "", found[1]), re.sub(r"\s", "", found[2])))
@@ -129,6 +131,7 @@ class IsoCorners:
                 self._units = {20.0: 200, 21.0: 210}.get(code, self._units)
                 self._at = {}
             elif code != 4.0 and code not in _STILL:
+                self._scaled = {50.0: False, 51.0: True}.get(code, self._scaled)
                 return False
         return True
 
@@ -201,6 +204,8 @@ class IsoCorners:
     def _write(self, out: list[list[str]], opened: tuple[int, IsoMove], after: IsoMove) -> None:
         row, before = opened
         assert before.corner is not None
+        if self._scaled:
+            raise NotExpandableError("whether its size is scaled too is not said")
         if before.element is None or after.element is None or before.wrote is None:
             raise NotExpandableError("one of its moves is no cut in the plane of X and Y from a known place")
         name, size = before.corner

@@ -31,6 +31,7 @@ _STILL: Final = re.compile(
 )
 """Blocks that leave tool, centre and feed as they are."""
 _TOOL: Final = re.compile(r"TOOL\s+CALL\b.*?\b([XYZ])\b")
+_SCALE: Final = re.compile(r"CYCL\s+DEF\s+(?:11|26)\b")
 _AT_THE_BEGIN: Final = frozenset((3, 4, 8, 13, 14))
 _AT_THE_END: Final = frozenset((0, 1, 2, 5, 9, 30))
 _DECIMALS: Final = 4
@@ -109,7 +110,7 @@ class KlartextCorners:
         self._blocks = read_blocks(lines)
         self._at: dict[str, float] = {}
         self._pole: complex | None = None
-        self._plane = True
+        self._plane, self._scaled = True, False
         self._feed = ""
         self._last: tuple[int, KlartextMove] | None = None
         self._open: tuple[int, re.Match[str], tuple[int, KlartextMove]] | None = None
@@ -150,6 +151,7 @@ class KlartextCorners:
         elif not _STILL.match(block.words):
             tool = _TOOL.match(block.words)
             self._plane = self._plane if tool is None else tool[1] == "Z"
+            self._scaled |= _SCALE.match(block.words) is not None
             self._at, self._pole, self._feed = {}, None, ""
 
     def _center(self, words: str) -> complex | None:
@@ -208,6 +210,8 @@ class KlartextCorners:
     def _write(self, opened: tuple[int, re.Match[str], tuple[int, KlartextMove]], after: KlartextMove) -> None:
         index, match, (row, before) = opened
         kind: Kind = "radius" if match[1] == "RND" else "legs"
+        if self._scaled:
+            raise NotExpandableError("whether its size is scaled too is not said")
         if before.element is None or after.element is None:
             raise NotExpandableError("one of its moves is not one in the plane of X and Y from a known place")
         if not set(before.functions) <= _AT_THE_BEGIN or not set(after.functions) <= _AT_THE_BEGIN | _AT_THE_END:

@@ -171,8 +171,16 @@ def test_what_is_not_certain_stays_and_is_named(dialect: str, body: str, why: st
     assert why in notes[-1]
 
 
-def test_a_corner_in_scaled_coordinates_stays() -> None:
-    """Whether its radius is scaled is not said."""
-    lines, notes = written("fanuc", "G51 X0. Y0. Z0. I2. J2. K2.\nG1 X20. Y1. Z-1. ,R3.\nY20.\nG50\n")
-    assert any(",R3." in line for line in lines)
-    assert any("a corner in scaled or mirrored coordinates" in note for note in notes)
+@pytest.mark.parametrize(
+    ("dialect", "scale", "body"),
+    [
+        ("fanuc", "G51 X0. Y0. Z0. I2. J2. K2.", "G1 X20. Y1. Z-1.\nX30. ,R3.\nY20.\n"),
+        ("fanuc", "G51 X0. Y0. P2000", "G1 X20. Y1. Z-1.\nX30. ,R3.\nY20.\n"),
+        ("siemens", "SCALE X2 Y2", "G1 X20 Y1 Z-1\nX30 RND=3\nY20\n"),
+        ("heidenhain", "CYCL DEF 11.1 SCL 2", "L X+20 Y+1 Z-1\nL X+30\nRND 3\nL Y+20\n"),
+    ],
+)
+def test_a_corner_in_scaled_coordinates_stays(dialect: str, scale: str, body: str) -> None:
+    lines, notes = written(dialect, f"{scale}\n{body}")
+    assert lines == [scale, *body.splitlines()]
+    assert any("scaled" in note for note in notes)
