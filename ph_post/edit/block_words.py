@@ -177,6 +177,8 @@ class FeedWords:
 _CENTERS: Final = tuple(CENTERS.values())
 _FULL: Final = 1e-9
 _MOST_DECIMALS: Final = 9
+_ANGLE_DECIMALS: Final = 4
+"""Of the angle [deg] of a helix in languages that write it in words of their own."""
 
 _LARGEST: Final = 2.0**62
 """Steps of the last decimal that can be counted."""
@@ -307,13 +309,16 @@ class PartWords:
     def _arc_words(self, part: MotionPart, shift: IntArray) -> dict[str, str]:
         """Centre and turns; a radius is replaced by them, as half circles lose their digits with it."""
         motions, k = self.program.motions, self.motion
-        a, b, _ = PLANE_AXES[int(motions.plane[k])]
+        a, b, c = PLANE_AXES[int(motions.plane[k])]
         center = self._steps(motions.center[k], coarse=not {*_CENTERS} & self._own.keys())
         words = {}
         for axis, count in ((a, center[0]), (b, center[1])):
             base = -shift[axis] if self.modal.arc_absolute else self._at[axis]
             words[_CENTERS[axis]] = _CENTERS[axis] + self._text(count - base)
-        turns = math.ceil(abs(motions.angle[k]) * (part.high - part.low) / math.tau - _FULL)
+        swept = float(motions.angle[k]) * (part.high - part.low)
+        turns = math.ceil(abs(swept) / math.tau - _FULL)
+        if self.program.language.spelling is not None and (turns > 1 or AXES[c] in self._own):
+            words["A"] = f"A{math.degrees(swept):+.{_ANGLE_DECIMALS}f}"
         own = self._own if self.program.language.whole is not None else {}
         spare = {letter: "" for letter in _CENTERS if letter in own and letter not in words}
         return {**words, **spare, "P": self.program.language.turns(turns) if turns > 1 else "", "R": ""}

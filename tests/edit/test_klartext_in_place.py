@@ -68,15 +68,30 @@ def test_rapids_in_increments_keep_their_numbers():
     assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=MACHINE).ok
 
 
-def test_a_helix_keeps_its_bytes_and_its_pole():
+@pytest.mark.parametrize(
+    "helix",
+    [
+        "6 CP IPA+1080 Z-4 DR+",
+        "6 CP IPA-900 IZ-5 DR-",
+        "6 CP IPA+45 IZ-0.5 DR+",
+        "6 CP PA+10 Z-2.5 DR-",
+        "6 CP IPA+720 DR+",
+    ],
+)
+def test_a_helix_is_divided_into_helices(helix):
+    """Its parts are CP with the height of their ends; what turns about the pole behind it turns about the same one."""
     text = (
         "0 BEGIN PGM A MM\n1 L X+0 Y+0 Z+1 FMAX\n2 L Z-1 F300\n3 L X+10 Y+1\n4 L X+4\n5 CC X+10 Y+1\n"
-        "6 CP IPA+1080 Z-4 DR+\n7 L X+4 Y-9\n8 L Y-5\n9 CP IPA+45 DR+\n10 L X+2\n11 L Z+5 FMAX\n12 END PGM A MM\n"
+        f"{helix}\n7 CP IPA+45 DR+\n8 L X+2 Y-9\n9 L Y-5\n10 L X+4\n11 L Z+5 FMAX\n12 END PGM A MM\n"
     )
     one = KLARTEXT.compensate(text.encode())
     found = one.text.decode()
-    assert "5 CC X+10 Y+1\n6 CP IPA+1080 Z-4 DR+\n" in found
-    assert [note.what for note in one.program.notes] == ["helix, or more than one turn: CP IPA+1080 Z-4 DR+"]
+    assert not one.program.notes
+    assert len(re.findall(r"^CP IPA\S+ Z\S+ DR", found, re.MULTILINE)) >= 2 * ("Z" in helix and "45" not in helix)
+    plain = max(KLARTEXT.away(text, KLARTEXT.run(text), side).max() for side in (-1.0, 1.0))
+    assert plain > 0.03
+    for side in (-1.0, 1.0):
+        assert KLARTEXT.away(found, KLARTEXT.run(text), side).max() < 0.0055
     assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=MACHINE).ok
     assert undo(one.text, "a.h") == text.encode()
 

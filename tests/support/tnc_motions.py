@@ -1,7 +1,7 @@
 """Motions of a conversational program, by a small interpreter of its own: dense places of the motors [mm].
 
-It follows L, CC, C, CR and CP with places and increments, F, FMAX, FQ with FN 0 and cycle 9, and passes over everything
-else. Nothing is shared with ph_post.
+It follows L, CC, C, CR and CP with places, angles and increments, F, FMAX, FQ with FN 0 and cycle 9, up to END PGM, and
+passes over everything else. Nothing is shared with ph_post.
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ class TncRun:
         self._axes = [0, 1]
         self._known: dict[str, float] = {}
         for line in text.splitlines():
-            self._line(re.sub(r"^\s*\d+\s+", "", line).split(";")[0].strip())
+            bare = re.sub(r"^\s*\d+\s+", "", line).split(";")[0].strip()
+            if bare.startswith("END PGM"):
+                break
+            self._line(bare)
 
     @property
     def path(self) -> np.ndarray:
@@ -85,6 +88,11 @@ class TncRun:
                 turned = math.atan2(*(a - center)[::-1]) + angle
                 b = center + np.hypot(*(a - center)) * np.array([math.cos(turned), math.sin(turned)])
                 end[axes] = b
+            elif to := re.search(r"(?<!I)PA\s*([-+]?[\d.]+)", line):
+                way = math.radians(float(to[1]))
+                b = center + np.hypot(*(a - center)) * np.array([math.cos(way), math.sin(way)])
+                end[axes] = b
+                angle = turn(a - center, b - center) - (0.0 if left else math.tau)
             else:
                 angle = turn(a - center, b - center)
                 angle = (angle or math.tau) if left else angle - math.tau

@@ -28,7 +28,6 @@ from ph_post.dialects.heidenhain.tnc import (
     joined,
     number_of,
 )
-from ph_post.dialects.reading import Remark
 from ph_post.gcode.program import PartProgram
 
 _PLACE: Final = re.compile(rf"(?<![A-Z])(I?)([XYZABCUVW])\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
@@ -212,12 +211,8 @@ class _KlartextFollower:
         self._nothing_left(rest)
         if rapid:
             raise NotFollowed("arc at rapid traverse", source)
-        text, passed = self.tnc.polar(
-            places, number, steps=bool(angle[1]), left=sense[1] == "+", feed=feed, functions=functions
-        )
-        if passed:
-            self.tnc.remarks[len(self.tnc.texts)] = Remark(what=f"helix, or more than one turn: {source}")
-        return text
+        left = sense[1] == "+"
+        return self.tnc.polar(places, number, steps=bool(angle[1]), left=left, feed=feed, functions=functions)
 
     @staticmethod
     def _places(text: str) -> tuple[str, Places]:

@@ -108,8 +108,11 @@ class KlartextSpelling:
         --------
         >>> KlartextSpelling().lines("G3", ["X+1", "Y+2", "I+0", "J+2", "F500"])
         ['CC X+0 Y+2', 'C X+1 Y+2 DR+ F500']
+        >>> KlartextSpelling().lines("G2", ["X+1", "Y+2", "Z-3", "I+0", "J+2", "A-90.0000"])
+        ['CC X+0 Y+2', 'CP IPA-90.0000 Z-3 DR-']
         """
         places = [word for word in words if word[0] in "XYZ"]
+        turned = [word[1:] for word in words if word[0] == "A"]
         centre = [_PLACES[word[0]] + word[1:] for word in words if word[0] in _PLACES]
         radius = [word for word in words if word[0] == "R"]
         feed = ["FMAX"] if mode == "G0" else [word for word in words if word[0] == "F"]
@@ -119,7 +122,11 @@ class KlartextSpelling:
         sense = "DR+" if mode == "G3" else "DR-"
         if radius:
             return [" ".join(["CR", *places, *radius, sense, *tail])]
-        return [" ".join(["CC", *centre]), " ".join(["C", *places, sense, *tail])]
+        pole = " ".join(["CC", *centre])
+        if turned:
+            rise = [word for word in places if word[0] not in {one[0] for one in centre}]
+            return [pole, " ".join(["CP", f"IPA{turned[0]}", *rise, sense, *tail])]
+        return [pole, " ".join(["C", *places, sense, *tail])]
 
     def first(self, line: str, mode: str, words: Sequence[str], later: Sequence[float]) -> list[str]:
         """Return a block with other words of its motion; M functions `later` are left out.

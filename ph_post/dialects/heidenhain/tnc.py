@@ -222,13 +222,8 @@ class Tnc:
         self._moved = len(self.texts)
         return joined("G3" if left else "G2", *ends, feed, *self._functions(functions))
 
-    def polar(
-        self, places: Places, angle: Decimal, *, steps: bool, left: bool, feed: str, functions: list[int]
-    ) -> tuple[str, bool]:
-        """Write a circle about the pole, up to a direction or by an angle [deg]; true where it is passed through.
-
-        A helix, and more than one turn, have no block that could be a part of them: their end is known.
-        """
+    def polar(self, places: Places, angle: Decimal, *, steps: bool, left: bool, feed: str, functions: list[int]) -> str:
+        """Write a circle or a helix about the pole, up to a direction or by an angle [deg]."""
         axes = {*self._pole_axes} if len(self._pole_axes) == len(PLANES[self.tool_axis]) else {*PLANES[self.tool_axis]}
         third = next(axis for axis in AXES if axis not in axes)
         first, second = PLANES[third]
@@ -252,14 +247,12 @@ class Tnc:
         self._plane_word = _PLANE_WORDS[third]
         words = [f"{axis}{format(self._at[axis] or 0, 'f')}" for axis in (first, second)] + rise
         more = self._functions(functions)
-        if rise or abs(swept) > math.tau + _WHOLE:
-            if self._pole_line is not None:
-                self.users[len(self.texts)] = self._pole_line
-            return joined("G1 A0", *words, feed, *more), True
         if self._pole_line is not None:
             self.arcs[len(self.texts)] = self._pole_line
         words += [f"{CENTERS[axis]}{format(self._pole[axis] or 0, 'f')}" for axis in (first, second)]
-        return joined("G3" if left else "G2", *words, feed, *more), False
+        turns = math.ceil(abs(swept) / math.tau - _WHOLE)
+        words += [f"P{turns}"] if turns > 1 else []
+        return joined("G3" if left else "G2", *words, feed, *more)
 
     def pole(self, places: Places) -> str:
         """Set the pole, or the axes of it that are named; without any it is where the tool stands."""
