@@ -49,12 +49,6 @@ LEFT: Final = 2.0
 VARYING: Final = "position_dependent_backlash"
 """Name beside which one width says nothing."""
 
-SURE: Final = 5.0
-"""Standard errors from which on a gap is another than the file's."""
-
-SAME_GAP: Final = 0.05
-"""Part by which it is another at least."""
-
 MOST_BETWEEN: Final = 0.5
 """Part by which the size of an effect between motor and table may differ from what both readings show there."""
 
@@ -173,7 +167,7 @@ def _between_sides(
         return None, fitted.left
     # What else is missing may have bent the file's own backlash within its error.
     gaps = (plant.gap,) if "backlash" in names else (plant.gap, problem.plant.gap)
-    if sides is None or any(abs(sides.width - gap) < max(SURE * sides.error, SAME_GAP * sides.width) for gap in gaps):
+    if sides is None or any(map(sides.is_like, gaps)):
         return None, fitted.left
     with_gap = residuals(problem, replace(plant, gap=sides.width), fitted.model.origin_free)
     use = problem.counted & problem.channel("act").ok

@@ -285,12 +285,15 @@ NEARLY: Final = 0.3
 
 
 class HypothesisSearch:
-    """The hypotheses that were tried on top of fitted models of one axis, each once."""
+    """The hypotheses that were tried on top of fitted models of one axis, each once.
 
-    def __init__(self, problem: AxisProblem) -> None:
+    `plausible` are labels of those that come near the best.
+    """
+
+    def __init__(self, problem: AxisProblem, plausible: set[str] | None = None) -> None:
         self.problem = problem
         self.known: dict[FittedModel, list[tuple[Hypothesis, FittedModel]]] = {}
-        self.plausible: set[str] = set()
+        self.plausible: set[str] = set() if plausible is None else plausible
 
     def tried(self, ground: FittedModel, every: bool = True) -> list[tuple[Hypothesis, FittedModel]]:
         """Fit every hypothesis that promises something on top of a model, or only the plausible ones."""

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from ph_post.diagnose.fit import FittedModel, Model, ModelPart, base_model, fit_model
 from ph_post.diagnose.hypotheses import hypotheses
+from ph_post.diagnose.hypotheses.drives import BACKLASH
 from ph_post.diagnose.search import (
     BENT,
     PRICE,
@@ -31,6 +32,7 @@ from ph_post.diagnose.search import (
     with_part,
     without_part,
 )
+from ph_post.diagnose.sides import gap_between
 from ph_post.identify.free_run import AxisProblem, correlation_inflation, split_evenly, with_known_side
 from ph_post.progress import Progress
 
@@ -98,13 +100,43 @@ def choose(problem: AxisProblem, progress: Progress) -> ModelChoice:
     again = split_evenly(problem, base.left)
     if not np.array_equal(again.fit, problem.fit):
         problem, base = again, _base(again)
-    found = _choose_from(problem, base, progress)
+    found = _with_seen_gap(problem, base, progress) or _choose_from(problem, base, progress)
     if base.model.origin_free or (_settled(found) and len(found.fitted.model.parts) < 2):
         return found
     # The origin was held because a load would explain its shift: that was wrong if a free one needs less.
     other = _choose_from(problem, fit_model(problem, base_model(problem), problem.fit), progress)
     fewer = len(other.fitted.model.parts) < len(found.fitted.model.parts)
     return other if _settled(other) and (fewer or not _settled(found)) else found
+
+
+def _with_seen_gap(problem: AxisProblem, base: FittedModel, progress: Progress) -> ModelChoice | None:
+    """Search beside the backlash that both sides show, where the file's values leave more than noise.
+
+    Friction inside a loop shows only beside the right backlash, and that only beside the friction: where each of them
+    alone explains little, none would be added. None where the sides show no other backlash than the file's, where
+    its size does not stand, or where more than noise is left beside it: then nothing is taken for granted.
+    """
+    sides = gap_between(problem) if has_structure(problem, base) else None
+    if sides is None or sides.is_like(problem.plant.gap):
+        return None
+    known = replace(problem, plant=replace(problem.plant, gap=sides.width))
+    plausible: set[str] = set()
+    seen = _choose_from(known, _base(known), progress, plausible)
+    parts = seen.fitted.model.parts
+    if not _settled(seen) or any("gap" in one.hypothesis.replaces for one in parts):
+        return None
+    gap = ModelPart(hypothesis=BACKLASH, numbers=(sides.width - problem.plant.gap,))
+    off = {prior.field: x for prior, x in zip(seen.fitted.model.priors, seen.fitted.model.off, strict=True)}
+    priors = tuple(off[prior.field] for prior in base.model.priors)
+    origin_free = seen.fitted.model.origin_free
+    model = replace(base.model, off=priors, parts=(gap, *parts), origin_free=origin_free)
+    problem = with_noise(problem, base)
+    plausible |= {one.label for one in hypotheses(problem) if BACKLASH.name in one.within}
+    search = HypothesisSearch(problem, plausible)
+    stages = _restage(problem, fit_model(problem, model, problem.fit), base)
+    stages, standings = _exchange(search, stages)
+    found = ModelChoice(problem=problem, stages=tuple(stages), standings=standings)
+    return found if _settled(found) else None
 
 
 def without(choice: ModelChoice, number: int) -> ModelChoice:
@@ -133,11 +165,16 @@ def _settled(choice: ModelChoice) -> bool:
     return at_floor(choice.problem, choice.fitted) and not has_structure(choice.problem, choice.fitted)
 
 
-def _choose_from(problem: AxisProblem, base: FittedModel, progress: Progress) -> ModelChoice:
-    """Add one effect after the other to the file's values, as long as each earns its place."""
+def _choose_from(
+    problem: AxisProblem, base: FittedModel, progress: Progress, plausible: set[str] | None = None
+) -> ModelChoice:
+    """Add one effect after the other to the file's values, as long as each earns its place.
+
+    `plausible` takes the labels of those that come near one that is added.
+    """
     name = problem.axis.name
     problem = with_noise(problem, base)
-    search = HypothesisSearch(problem)
+    search = HypothesisSearch(problem, plausible)
     stages = [base]
     while len(stages) <= MOST and _wants_a_name(problem, stages):
         progress(f"axis {name}: looking for {'a first' if len(stages) == 1 else 'another'} effect")

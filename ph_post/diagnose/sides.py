@@ -43,6 +43,13 @@ SLOWS: Final = tuple(2.0 ** np.arange(2, -7, -1))
 """Decelerations by friction from which a search begins [m/s²]: less than a standstill holds nothing in a gap."""
 
 
+SURE: Final = 5.0
+"""Standard errors from which on a gap is another than the file's."""
+
+SAME_GAP: Final = 0.05
+"""Part by which it is another at least."""
+
+
 class SidesGap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Backlash that both sides of an axis show.
 
@@ -60,6 +67,10 @@ class SidesGap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def holds(self, acceleration: float) -> bool:
         """Return whether friction holds the table in the backlash at all accelerations up to this [m/s²]."""
         return self.slows >= acceleration
+
+    def is_like(self, gap: float) -> bool:
+        """Return whether a backlash [m] is this one, as far as it is known."""
+        return abs(self.width - gap) < max(SURE * self.error, SAME_GAP * self.width)
 
     def beyond(self, gap: float, period: float) -> Array:
         """Return what this backlash adds to motor less table beyond one of `gap` [m] that friction holds, (n,) [m]."""

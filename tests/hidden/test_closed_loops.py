@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.closed_loops import advised, diagnosed, draw_machine, of_program, of_table
+import ph_post as ph
+from tests.support.closed_loops import MM, advised, diagnosed, draw_machine, of_program, of_table
 
 
 @pytest.mark.slow
@@ -41,3 +42,16 @@ def test_scales_on_tables_with_backlash_and_friction(tmp_path: Path) -> None:
     # A program crosses no backlash inside the loop and leads no friction, and says what does.
     said = of_program(tmp_path, "circle", better, machine.true).warnings
     assert any("friction of X and Y stays" in one and "--lead-program or --table leads it" in one for one in said)
+
+
+@pytest.mark.slow
+def test_friction_inside_a_loop_is_named_beside_the_backlash_without_which_it_does_not_show(tmp_path: Path) -> None:
+    # Of its Y axis neither explains more than a late reading would, which is not between motor and table.
+    machine = draw_machine(0, "load")
+    better = ph.read_machine(diagnosed(machine, tmp_path)[1])
+    for name, plant in zip("XY", machine.true, strict=True):
+        axis = better.axes[name]
+        assert axis.gap.lost_motion == pytest.approx(plant.gap, rel=0.01)
+        (effect,) = axis.effects
+        assert effect.name == "coulomb_friction"
+        assert effect.parameters["following_error_mm"] == pytest.approx(MM * plant.effects[0]["force"], rel=0.01)
