@@ -69,6 +69,7 @@ def expanded_job(
                 decimals=4 if "isc" in dialect else 3,
                 calculator="calculator" in dialect,
                 clearance=None if options.peck_clearance is None else options.peck_clearance / MM,
+                lathe="lathe" in dialect,
             )
         inches = options.controller_units == "inch"
         found = expand(

@@ -150,6 +150,7 @@ _COMPUTED: Final = (
     *("parameter", "value that is computed", "O-word", "polar coordinates", "canned cycle", "modal state brought back"),
     "subprogram: ",
 )
+_ON_LATHES: Final = ("turning cycle", "axis other than X, Y and Z: U", "axis other than X, Y and Z: W")
 _TURNED: Final = "motion in a turned, scaled, polar or diameter frame"
 _WRITTEN_OUT: Final[Mapping[str, tuple[str, ...]]] = {
     **dict.fromkeys(WRITTEN_AS_LINUXCNC, _COMPUTED),
@@ -174,7 +175,8 @@ def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) 
     if not notes:
         return ()
     said, expanded = [f"line {notes[0].first + 1}: {notes[0].what}"], expand or EXPANDED.first(program.data) >= 0
-    if not expanded and any(note.what.startswith(_WRITTEN_OUT.get(base, ())) for note in notes):
+    known = (*_WRITTEN_OUT.get(base, ()), *(_ON_LATHES if program.language.diameters else ()))
+    if not expanded and any(note.what.startswith(known) for note in notes):
         said.append("--expand writes it out as plain moves")
     if base in WRITTEN_AS_LINUXCNC and any(note.what.startswith(_CUTTER) for note in notes):
         said.append(f"{'' if expanded else '--expand '}--tool-table FILE works out cutter compensation")

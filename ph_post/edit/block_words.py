@@ -219,6 +219,7 @@ class PartWords:
     ) -> None:
         self.program, self.motion, self.modal = program, motion, modal
         self._coarse, self._fine, self._length = decimals, fine, length
+        self._factors = program.language.factors
         self._last = self._at = np.zeros(3, dtype=np.int64)
         self.block = int(program.motions.block[motion])
 
@@ -244,27 +245,30 @@ class PartWords:
         motions, k = self.program.motions, self.motion
         point = place(motions, k, share)
         rests = (point == motions.start[k]) & (point == motions.end[k])
-        return self._steps(point, coarse=~rests & (0.0 < share < 1.0))
+        return self._steps(point * self._factors, coarse=~rests & (0.0 < share < 1.0))
 
     def _text(self, count: int) -> str:
         return self._length(int(count), self._fine)
 
     def jog(self, axis: int, offset: IntArray, share: float) -> str:
         """Word that moves an axis to an offset, in steps of the coarse decimals, at a place of the motion."""
-        offset = offset * 10 ** (self._fine - self._coarse)
         if self.modal.absolute:
             self._require(axis, place(self.program.motions, self.motion, share))
-            return AXES[axis] + self._text(self._point(share)[axis] + offset[axis])
-        count = offset[axis] - self._last[axis] * 10 ** (self._fine - self._coarse)
-        self._last[axis] = offset[axis] // 10 ** (self._fine - self._coarse)
+            return AXES[axis] + self._text((self._point(share) + self._written(offset))[axis])
+        count = self._written(offset - self._last)[axis]
+        self._last[axis] = offset[axis]
         return AXES[axis] + self._text(count)
+
+    def _written(self, offset: IntArray) -> IntArray:
+        """Return by how much words change for an offset in steps of the coarse decimals, in steps of the finest."""
+        return np.asarray(offset * self._factors * 10 ** (self._fine - self._coarse))
 
     def part(self, part: MotionPart, offset: IntArray) -> dict[str, str]:
         """Words of a part by letter while an offset is carried; empty ones are not to be written."""
         if part.low == 0.0:
             self._at = self._point(0.0)
         end = self._point(part.high)
-        shift = offset * 10 ** (self._fine - self._coarse)
+        shift = self._written(offset)
         if part.crossing is not None and part.crossing.line:
             return self._block(end, offset)
         kind = self.program.motions.kind[self.motion]
@@ -280,10 +284,9 @@ class PartWords:
 
     def _block(self, end: IntArray, offset: IntArray) -> dict[str, str]:
         """Words of a straight block of a crossing, which goes from the offset before it to its own."""
-        scale = 10 ** (self._fine - self._coarse)
-        way = end - self._at + (offset - self._last) * scale
+        way = end - self._at + self._written(offset - self._last)
         axes = sorted({*self._axes(self.program.motions.kind[self.motion]), *np.flatnonzero(way).tolist()})
-        counts = end + offset * scale if self.modal.absolute else way
+        counts = end + self._written(offset) if self.modal.absolute else way
         self._at, self._last = end, offset.copy()
         left = {letter: "" for letter in (*CENTERS.values(), "R", "P", "Q") if letter in self._own}
         return left | {AXES[axis]: AXES[axis] + self._text(counts[axis]) for axis in axes}
@@ -313,8 +316,9 @@ class PartWords:
         center = self._steps(motions.center[k], coarse=not {*_CENTERS} & self._own.keys())
         words = {}
         for axis, count in ((a, center[0]), (b, center[1])):
-            base = -shift[axis] if self.modal.arc_absolute else self._at[axis]
-            words[_CENTERS[axis]] = _CENTERS[axis] + self._text(count - base)
+            # A centre is told in radii, also where X is a diameter.
+            base = (-shift[axis] if self.modal.arc_absolute else self._at[axis]) / self._factors[axis]
+            words[_CENTERS[axis]] = _CENTERS[axis] + self._text(round(count - base))
         swept = float(motions.angle[k]) * (part.high - part.low)
         turns = math.ceil(abs(swept) / math.tau - _FULL)
         if self.program.language.spelling is not None and (turns > 1 or AXES[c] in self._own):

@@ -125,6 +125,8 @@ def _why_elsewhere(program: PartProgram, motion: int, placed: BoolArray) -> str:
         letter = chr(int(words.letter[word]))
         if letter not in AXES:
             continue
+        if letter == "X" and program.language.diameters:
+            return f"X is a diameter in line {block + 1}"
         column, place = AXES.index(letter), float(words.value[word]) * modal.units
         if not (modal.absolute or placed[column]):
             return f"G91 alone moves {letter} in line {block + 1}, and where it is under G90 is not known"

@@ -273,6 +273,8 @@ def shifted_words(program: PartProgram, found: MotionOffsets) -> ShiftedWords:
         found.after,
         found.word,
     )
+    if program.language.diameters:
+        delta = np.where(words.letter[word] == ord("X"), 2 * delta, delta)
     return ShiftedWords(word=word, delta=delta)
 
 

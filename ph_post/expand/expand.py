@@ -21,6 +21,7 @@ from ph_post.expand.macro import FanucNumbers
 from ph_post.expand.run import ProgramRunner
 from ph_post.expand.sinumerik import SinumerikRunner
 from ph_post.expand.tools import ToolShape
+from ph_post.expand.turning import is_turned
 from ph_post.expand.writing import DECIMALS, EXPANDED, Written, head_line
 from ph_post.gcode.numbers import COMMENT, SEMICOLON, Comments
 
@@ -32,8 +33,10 @@ _NEEDED: Final = re.compile(
 """What a program that computes has somewhere."""
 
 _MACRO: Final = re.compile(
-    rb"#|\[|M[ \t]*0*98(?!\d)|G[ \t]*(?:0*65|68|51(?:\.1)?|7[346]|8[1-9])(?![\d.])|GOTO|,[ \t]*[RC]", re.IGNORECASE
+    rb"#|\[|M[ \t]*0*98(?!\d)|G[ \t]*(?:0*65|68|51(?:\.1)?|7[0346]|8[1-9])(?![\d.])|GOTO|,[ \t]*[RC]", re.IGNORECASE
 )
+_TURNED: Final = re.compile(rb"[UW][ \t]*[-+.\d]|G[ \t]*9[024](?!\d)", re.IGNORECASE)
+"""What a lathe's program has besides."""
 
 _STRUCTURED: Final = re.compile(
     rb"\bR\d+\s*=|=\s*\S*\bR\d+\b|\b(?:REPEATB?|GOTO[FBC]?|FOR|WHILE|LOOP|IF)\b|\b(?:RND|CHF|CHR)[ \t]*=",
@@ -165,7 +168,9 @@ def expand(
     [b'G21', b'G91 G1 X2.5', b'G91 G1 X5.', b'M30', b'O2']
     """
     pattern = _CONVERSATIONAL if klartext else _STRUCTURED if sinumerik else _NEEDED if fanuc is None else _MACRO
-    if EXPANDED.first(data) >= 0 or pattern.search(COMMENT.sub(b"", data)) is None:
+    bare = COMMENT.sub(b"", data)
+    lathe = fanuc is not None and (fanuc.lathe or is_turned(data))
+    if EXPANDED.first(data) >= 0 or not (pattern.search(bare) or (lathe and _TURNED.search(bare))):
         return Expansion(data=data)
     folders, source = folders or Folders(), Source(name, data.decode("latin-1"))
     notes: list[str] = []
@@ -190,9 +195,9 @@ def expand(
         if assumed and parameters is None:
             named = ", ".join(f"#{key}" for key in assumed[:8]) + (", …" if len(assumed) > 8 else "")
             notes.insert(0, f"taken to be 0, as nothing was put there before they were read: {named}")
-    corners = (
-        KlartextCorners(lines) if klartext else IsoCorners(lines, fanuc) if sinumerik or fanuc is not None else None
-    )
+    # Corners are followed in X and Y, which a lathe's are not in.
+    iso = sinumerik or (fanuc is not None and not lathe)
+    corners = KlartextCorners(lines) if klartext else IsoCorners(lines, fanuc) if iso else None
     if corners is not None:
         plain = corners.written()
         lines, changed = plain, changed or plain != lines

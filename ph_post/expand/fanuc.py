@@ -26,6 +26,8 @@ from ph_post.expand.macro import (
 )
 from ph_post.expand.progress import Progress, check_turn
 from ph_post.expand.run import Find
+from ph_post.expand.turning import has_increments_by_words, is_turned, shapes_of
+from ph_post.expand.turning_blocks import TurningBlocks
 from ph_post.expand.values import ParameterFrame
 from ph_post.gcode.codes import CALLS, M_EFFECT
 
@@ -64,7 +66,14 @@ class FanucRunner:
         self, source: Source, find: Find, numbers: FanucNumbers, standing: Mapping[tuple[str, int], str]
     ) -> None:
         self.store = MacroStore()
-        self.blocks = FanucBlocks(numbers, standing)
+        data = "\n".join([*source.texts, ""]).encode("latin-1")
+        lathe = numbers.lathe or is_turned(data)
+        self._turned: TurningBlocks | None = None
+        if lathe and has_increments_by_words(data):
+            self._turned = TurningBlocks(numbers, standing)
+        self.blocks: FanucBlocks = self._turned or FanucBlocks(numbers, standing)
+        self._shapes = shapes_of(data) if lathe else []
+        self._standing = standing
         self._find, self._main = find, source
         self._read: dict[tuple[str, int], MacroLine] = {}
         first = next((k for k in range(len(source.texts)) if self._line(source, k).program >= 0), 0)
@@ -110,6 +119,9 @@ class FanucRunner:
         line = self._line(call.source, call.at)
         call.at += 1
         self.blocks.at = (call.source.name, call.at)
+        if call.source is self._main and any(first <= call.at - 1 <= last for first, last in self._shapes):
+            self._keep_shape(line)
+            return False
         if line.fault is not None:
             raise line.fault
         if line.program >= 0:
@@ -132,11 +144,65 @@ class FanucRunner:
             self.blocks.changed = True
             self._call(call, line, orders)
             return False
+        if self._turned is not None and "70" in codes:
+            self._finish(self._turned, line)
+            return False
         self._write(line)
         return bool(orders & {2, 30})
 
+    # ------------------------------------------------------------------ shapes of turning cycles
+
+    def _keep_shape(self, line: MacroLine) -> None:
+        """Keep a line of a shape that cycles take."""
+        if line.computed or line.order or line.fault is not None:
+            raise NotExpandableError("the shape of a turning cycle that is computed")
+        if self._turned is not None:
+            self._turned.keep_shape(line.text)
+        else:
+            self.blocks.lines.append(line.text)
+            self.blocks.machine.forget()
+
+    def _finish(self, blocks: TurningBlocks, line: MacroLine) -> None:
+        """Write the blocks of a shape out in the place of a G70."""
+        at = blocks.at
+        if at in self._standing:
+            blocks.notes[f"{at[0]}:{at[1]}: cycle stays as it is: {self._standing[at]}"] = None
+            self._write(line)
+            return
+        start = blocks.begin_finish(self._words(line), COMMENT.findall(line.text))
+        first, last = self._shape(line)
+        for index in range(first, last + 1):
+            one = self._line(self._main, index)
+            if one.fault is not None or one.order or one.optional or one.program >= 0:
+                raise NotExpandableError("a block of the shape that does more than to move")
+            words = self._words(one)
+            blocks.check_shape(words)
+            blocks.run(one.text, words, COMMENT.findall(one.text), optional=False, same=False)
+        blocks.end_finish(start)
+
+    def _shape(self, line: MacroLine) -> tuple[int, int]:
+        """Return the first and the last line of the shape that a cycle takes."""
+        asked = {letter: int(number) for letter, number in line.plain if letter in "pq" and number.isdecimal()}
+        if line.computed or len(asked) < len("pq"):
+            raise NotExpandableError("a cycle without P and Q")
+        labels = [self._line(self._main, index).label for index in range(len(self._main.texts))]
+        if any(labels.count(number) != 1 for number in asked.values()):
+            raise NotExpandableError("the sequence numbers of the shape are not there, or not there once")
+        first, last = (labels.index(asked[letter]) for letter in "pq")
+        if (first, last) not in self._shapes:
+            raise NotExpandableError("the shape of the cycle begins behind its end")
+        return first, last
+
     def _write(self, line: MacroLine, without: str = "") -> None:
         """Write a block, `without` the words of a call."""
+        words = self._words(line, without)
+        if not line.parts and COMMENT.sub("", line.text).strip(" \t%;/"):
+            self.blocks.machine.forget()  # a line that nobody reads here
+        same = not line.computed and not without
+        self.blocks.run(line.text, words, COMMENT.findall(line.text), optional=line.optional, same=same)
+
+    def _words(self, line: MacroLine, without: str = "") -> list[MacroWord]:
+        """Return the words of a block, `without` those of a call."""
         blocks, numbers = self.blocks, self.blocks.numbers
         for part in line.parts:
             if part in ("g20", "g21"):
@@ -158,10 +224,7 @@ class FanucRunner:
             text = word_text(letters, number, numbers.decimals + blocks.more)
             if text:
                 words.append(MacroWord(letters, number, text))
-        if not line.parts and COMMENT.sub("", line.text).strip(" \t%;/"):
-            blocks.machine.forget()  # a line that nobody reads here
-        same = not line.computed and not without
-        blocks.run(line.text, words, COMMENT.findall(line.text), optional=line.optional, same=same)
+        return words
 
     # ------------------------------------------------------------------ statements
 

@@ -114,7 +114,7 @@ class FanucBlocks:
             self.machine.forget()
             self._keep(text, words, comments, slash="/" * optional, same=same)
             return
-        codes = [round(10.0 * word.value) for word in words if word.letters == "g"]
+        codes = self.codes_of(words)
         orders = [round(word.value) for word in words if word.letters == "m"]
         values = {word.letters: word.value for word in words if word.letters not in "gmno"}
         if optional:
@@ -147,8 +147,17 @@ class FanucBlocks:
             else:
                 self._keep(text, words, comments, slash="", same=same)
             self._written.update({axis: self.machine.place[axis] for axis in AXES if axis not in self._moved})
-        if self._frame is None and not self._unsettled and self._cycle <= 0:
+        if not self.is_open:
             self.begun = None
+
+    def codes_of(self, words: Sequence[MacroWord]) -> list[int]:
+        """Return ten times the G words of a block."""
+        return [round(10.0 * word.value) for word in words if word.letters == "g"]
+
+    @property
+    def is_open(self) -> bool:
+        """Whether something is being written out that a later block may end."""
+        return self._frame is not None or bool(self._unsettled) or self._cycle > 0
 
     def _check_frame(self, codes: list[int], orders: list[int], words: Sequence[MacroWord]) -> None:
         """Refuse what cannot be followed in turned coordinates."""

@@ -34,12 +34,14 @@ _CLOSE: Final = 1e-6
 class FanucNumbers(msgspec.Struct, frozen=True, kw_only=True):
     """How a control counts: decimals of a mm in its increments, and whether a length without a point is in units.
 
-    `clearance` [mm] is how far G73 and G83 back off (parameters 5114 and 5115), None where nobody says.
+    `clearance` [mm] is how far G73 and G83 back off (parameters 5114 and 5115), None where nobody says; `lathe` says
+    that it is the control of a lathe.
     """
 
     decimals: int = 3
     calculator: bool = False
     clearance: float | None = None
+    lathe: bool = False
 
 
 class Empty(float):

@@ -422,7 +422,7 @@ def _grown(table: Any) -> Any:
 
 
 @inner
-def _begin() -> Any:
+def _begin(fixed: Any) -> Any:
     """Room for the states, and the state in which a program begins."""
     state = np.full(STATE, NONE)
     state[PLANE], state[UNITS], state[ABSOLUTE], state[ARC_ABSOLUTE] = 17.0, 1e-3, 1.0, 0.0
@@ -433,6 +433,9 @@ def _begin() -> Any:
         0.0,
         0.0,
     )
+    for column in range(MODES):
+        if not np.isnan(fixed[column]):
+            state[column] = fixed[column]
     table, slots = np.empty((32, MODES)), np.full(128, -1, np.int64)
     _intern(state, table, slots, 0)
     return state, table, slots
@@ -460,7 +463,7 @@ def resolve_modes(words: Any, traits: Any, stretches: Any, end: int, columns: An
     """
     blocks, letter, value, effects = words
     states, feeds, motions, zeros, flags, marks, whys, spots = columns
-    state, table, slots = _begin()
+    state, table, slots = _begin(fixed)
     state[FEED_KNOWN] = fixed[FEED_KNOWN]
     first = state.copy()
     before, count, low, row, at = state.copy(), 1, 0, 0, 0

@@ -94,6 +94,8 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         Whether motions with cutter compensation are read as contours, and not passed through: see :meth:`contoured`.
     effects : mapping of int to int
         Effects of M words, by number, that are others than :data:`~ph_post.gcode.codes.M_EFFECT` has.
+    diameters : bool
+        Whether the numbers of X words are diameters, twice the places of the axis, as on lathes.
     """
 
     name: str = ""
@@ -118,6 +120,12 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     shortest: bool = False
     contours: bool = False
     effects: Mapping[int, int] = {}
+    diameters: bool = False
+
+    @property
+    def factors(self) -> IntArray:
+        """How often the place of X, Y and Z is what their words say, shape (3,)."""
+        return np.array([2 if self.diameters else 1, 1, 1], dtype=np.int64)
 
     def contoured(self) -> Language:
         """Return the same language, in which what is cut with cutter compensation moves as its contours say."""

@@ -240,7 +240,9 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
     (4, [0.01, 0.0, nan], 0.01)
     """
     if language.read is not None:
-        program = msgspec.structs.replace(language.read(data, name), language=language)
+        program = language.read(data, name)
+        language = msgspec.structs.replace(language, diameters=program.language.diameters)
+        program = msgspec.structs.replace(program, language=language)
         if strict:
             refuse_notes(program)
         return program
@@ -248,7 +250,7 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
     plain = language.hidden(data)
     lexed = _lexed(plain, lines, language)
     blocks = _resolve(lexed, plain, language)
-    motions = _make_motions(lexed, blocks)
+    motions = _make_motions(_in_radii(lexed) if language.diameters else lexed, blocks)
     notes = find_notes(lexed, data, blocks)
     if strict and notes:
         raise _refusal(name, data, lexed, notes[0], blocks)
@@ -415,6 +417,13 @@ def refuse_notes(program: PartProgram) -> None:
         end = int(program.lines[note.first]) + len(text.rstrip())
         fault = ProgramFault(block=note.first, place=place, code=NOT_UNDERSTOOD, got=note.what)
         raise fault_error(program.name, program.data, program.lines, fault, max(end, place + 1))
+
+
+def _in_radii(lexed: Lexed) -> Lexed:
+    """Return words of which those of X have the places of the axis: half of the diameters that are written."""
+    words = lexed.words
+    value = np.where(words.letter == ord("X"), 0.5 * words.value, words.value)
+    return msgspec.structs.replace(lexed, words=msgspec.structs.replace(words, value=sealed(value)))
 
 
 def _make_motions(lexed: Lexed, blocks: _Blocks) -> Motions:

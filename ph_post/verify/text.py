@@ -205,13 +205,17 @@ def _check_amounts(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) 
     """
     letters, block = pairs.other.letter[pairs.new], pairs.other.block[pairs.new]
     units, absolute = (_modes(case.compensated, name, block) for name in ("units", "absolute"))
+    diameters = case.compensated.language.diameters
     way = np.abs(pairs.other.value[pairs.new] - pairs.one.value[pairs.old]) * units
+    way = np.where(diameters & (letters == ord("X")), 0.5 * way, way)
     rapid = sides[1].kind[block] == RAPID
     for axis, amount in case.declared.offsets.items():
         own = np.isin(letters, [ord(axis), _centre(axis)])
         if pulse := case.declared.pulses.get(axis):
             own &= ~(rapid & (way <= pulse.metres + 2.0 * amount.metres + EXACT))
-        for unit, (steps, mode) in product(np.unique(units[own]).tolist(), (((1,), True), ((1, 2), False))):
+        twice = 2 if diameters and axis == "X" else 1
+        multiples = (((twice,), True), ((twice, 2 * twice), False))
+        for unit, (steps, mode) in product(np.unique(units[own]).tolist(), multiples):
             which = np.flatnonzero(own & (units == unit) & (absolute == mode))
             chosen = pairs.take(which)
             for place in np.flatnonzero(~_differ_by(case, chosen, amount, steps, unit)).tolist():

@@ -53,7 +53,7 @@ def test_what_a_machine_has_besides_is_named_behind_plus_signs() -> None:
         registry.find_dialect("fanuc+nurb", "--dialect")
     assert str(error.value) == (
         "--dialect: the dialect fanuc has no such variant;"
-        " expected ai or calculator or inverse or isc or nurbs; got 'nurb'"
+        " expected ai or calculator or inverse or isc or lathe or nurbs; got 'nurb'"
     )
     with pytest.raises(InputError, match="grbl has no such variant; expected none; got 'nurbs'"):
         registry.find_dialect("grbl+nurbs")

@@ -1,4 +1,4 @@
-"""Fanuc 30i, 31i, 32i and 0i, the mills (M systems): RS274 as most machine tools of the world speak it.
+"""Fanuc 30i, 31i, 32i and 0i, mills (M systems) and lathes (T systems): RS274 as most machine tools speak it.
 
 Where the facts are from. FANUC Series 30i/31i/32i-MODEL B, Operator's Manual (Common to Lathe System and
 Machining Center System), B-64484EN: program configuration (``%``, O number, comments in parentheses of
@@ -13,8 +13,9 @@ forbids G93 and G41.
 
 Options that a machine may have, behind plus signs: ``ai`` brackets the program in G05.1 Q1 and Q0;
 ``nurbs``, which needs that, writes polynomial cubics as G06.2; ``inverse`` allows G93, an option too;
-``isc`` has increment system IS-C, 0.1 µm; ``calculator`` reads lengths without a decimal point as mm. What
-is written has a point in every length and feed, and so means the same on all of them.
+``isc`` has increment system IS-C, 0.1 µm; ``calculator`` reads lengths without a decimal point as mm; ``lathe`` reads
+every program as one of a lathe (B-64484EN-1), in G18 and with X in diameters, and not only those that have words of a
+lathe. What is written has a point in every length and feed, and so means the same on all of them.
 
 The words for tolerances of joints differ by machine and option (G05.1 Q1 R): the path mode is left as it is.
 """
@@ -42,6 +43,7 @@ from ph_post.dialects.base import (
 )
 from ph_post.dialects.fanuc.reader import FURTHER, read_fanuc
 from ph_post.dialects.lines import LineWriter
+from ph_post.errors import InputError
 from ph_post.gcode.blocks import Moves
 from ph_post.gcode.numbers import Comments
 from ph_post.gcode.program import Language
@@ -133,6 +135,16 @@ def _with_isc(dialect: Dialect) -> Dialect:
     return replace(dialect, numbers=finer, language=_reading(dialect, decimals=_DECIMALS + 1))
 
 
+def _with_lathe(dialect: Dialect) -> Dialect:
+    words = replace(dialect.syntax, opening=_refuse_path)
+    return replace(dialect, syntax=words, language=_reading(dialect, lathe=True))
+
+
+def _refuse_path(plane: str) -> tuple[str, ...]:
+    """Refuse to write a path: only part programs say where a lathe's axes are."""
+    raise InputError("dialect", "fanuc+lathe writes no paths", expected="a part program, or fanuc", got=plane)
+
+
 def _with_calculator(dialect: Dialect) -> Dialect:
     return replace(dialect, language=_reading(dialect, calculator=True))
 
@@ -148,6 +160,7 @@ _VARIANTS: Final[Mapping[str, Callable[[Dialect], Dialect]]] = {
     "calculator": _with_calculator,
     "inverse": _with_inverse_time,
     "isc": _with_isc,
+    "lathe": _with_lathe,
     "nurbs": _with_nurbs,
 }
 

@@ -34,6 +34,18 @@ _MODES: Final[Mapping[float, tuple[bytes, str]]] = {
 }
 """In the words of RS274's reader a turned frame, its end, or a motion that is not understood; and a name."""
 
+TURNED: Final = rb"G0*(?:3[24]|50|9[02489])(?!\d)|G7[0-6](?!\d)"
+"""Pattern of the words that mean another thing on a lathe (G code system A) than in RS274."""
+
+_TURNED: Final[Mapping[float, tuple[bytes, str]]] = {
+    98.0: (b"G94", ""),
+    99.0: (b"G95", ""),
+    **dict.fromkeys((32.0, 34.0), (b"G33", "thread")),
+    **dict.fromkeys((90.0, 92.0, 94.0), (b"G76", "turning cycle")),
+    75.0: (b"G76", "turning cycle"),
+}
+"""In the words of RS274's reader, and a name of what is not understood."""
+
 _QUIET: Final = frozenset((5.0, 5.1, 8.0, 22.0, 23.0, 25.0, 26.0))
 """Look-ahead, contour control, limit checks: they move nothing."""
 _ARCS: Final = frozenset((2.0, 3.0))
@@ -82,6 +94,8 @@ class Editor:
         The line, and the same masked.
     calculator : bool
         Whether lengths without a decimal point are in millimetres.
+    turned : bool
+        Whether it is the line of a lathe's program, of G code system A.
 
     Attributes
     ----------
@@ -95,10 +109,10 @@ class Editor:
         Whether it is a G66, or a G06.2.
     """
 
-    def __init__(self, text: bytes, bare: bytes, *, calculator: bool) -> None:
+    def __init__(self, text: bytes, bare: bytes, *, calculator: bool, turned: bool = False) -> None:
         self._text = bytearray(text)
         self._bare = bare
-        self._calculator = calculator
+        self._calculator, self._turned = calculator, turned
         self._words = words_of(bare)
         self._codes = {float(number): (start, end) for letter, number, start, end in self._words if letter == b"G"}
         self.remark: Remark | None = None
@@ -121,6 +135,8 @@ class Editor:
             return
         self._frame_words()
         self._modes()
+        if self._turned:
+            self._turning_words()
         if 4.0 in self._codes:
             self._dwell()
         elif not self.begins_nurbs:
@@ -160,6 +176,26 @@ class Editor:
                 ends = code == 7.1 and self._has(b"C", 0.0)
                 self._put(start, end, b"G69" if ends else word)
                 if name and not ends:
+                    self._note(name, start, end)
+
+    def _turning_words(self) -> None:
+        """Put the feeds, the cycles and the zero of a lathe in words that say so.
+
+        Cycles last in RS274, and so all places behind one that are told without a motion of their own are passed
+        through.
+        """
+        if 50.0 in self._codes:
+            start, end = self._codes[50.0]
+            placed = any(letter in b"XZUW" for letter, _, _, _ in self._words)
+            self._put(start, end, b"G92" if placed else b"")
+            for letter, _, first, last in self._words:
+                if letter == b"S" and not placed:
+                    self._put(first, last)
+        for code, (start, end) in self._codes.items():
+            if code in _TURNED:
+                word, name = _TURNED[code]
+                self._put(start, end, word)
+                if name:
                     self._note(name, start, end)
 
     def _quiet(self, code: float, start: int, end: int) -> None:

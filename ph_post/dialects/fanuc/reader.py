@@ -17,7 +17,16 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.dialects.fanuc.lines import MACRO, Editor, PassedLines, jumps_and_loops, masked, unmeasured, words_of
+from ph_post.dialects.fanuc.lines import (
+    MACRO,
+    TURNED,
+    Editor,
+    PassedLines,
+    jumps_and_loops,
+    masked,
+    unmeasured,
+    words_of,
+)
 from ph_post.dialects.reading import (
     FORGOTTEN,
     NOT_UNDERSTOOD,
@@ -26,7 +35,8 @@ from ph_post.dialects.reading import (
     read_translated,
     text_of,
 )
-from ph_post.gcode.codes import QUIET
+from ph_post.expand.turning import has_increments_by_words, is_turned, shapes_of
+from ph_post.gcode.codes import ABSOLUTE, PLANE, QUIET
 from ph_post.gcode.program import AXES, NURBS, Language, Note, NurbsData, PartProgram, PlaceArray, WordSource, WordTable
 from ph_post.gcode.words import lines_of, read_words
 from ph_post.geometry.exact_polynomials import floats
@@ -193,6 +203,9 @@ _ODD: Final = re.compile(
 )
 """What a line has that RS274 reads otherwise or not at all, or may have."""
 
+_TURNED: Final = re.compile(TURNED)
+_OTHER_PLANES: Final = re.compile(rb"G1[79](?!\d)")
+
 _NO_CALL: Final = re.compile(rb"G67(?!\d)")
 
 
@@ -243,9 +256,17 @@ def _without_point(words: WordTable, data: bytes) -> np.ndarray:
 
 
 def read_fanuc(
-    data: bytes, name: str, *, calculator: bool = False, decimals: int = 3, contours: bool = False
+    data: bytes,
+    name: str,
+    *,
+    calculator: bool = False,
+    decimals: int = 3,
+    contours: bool = False,
+    lathe: bool = False,
 ) -> PartProgram:
     """Read a Fanuc program.
+
+    That of a lathe tells X in diameters and is in G18, and the shapes of its cycles are passed through.
 
     Parameters
     ----------
@@ -257,6 +278,8 @@ def read_fanuc(
         Decimals of a mm in increments.
     contours : bool
         See :meth:`ph_post.gcode.program.Language.contoured`.
+    lathe : bool
+        Whether it is the program of a lathe, also where no word of it says so.
 
     Raises
     ------
@@ -266,17 +289,23 @@ def read_fanuc(
     lines = lines_of(data, name)
     texts = [text_of(data, lines, number) for number in range(lines.size - 1)]
     bare = masked(data)
-    odd = np.unique(np.searchsorted(lines, [found.start() for found in _ODD.finditer(bare)], "right") - 1)
+    asked, lathe = lathe, lathe or is_turned(data)
+    by_words = lathe and has_increments_by_words(data)
+    places = [found.start() for found in _ODD.finditer(bare)]
+    places += [found.start() for found in _TURNED.finditer(bare)] if by_words else []
+    odd = np.unique(np.searchsorted(lines, places, "right") - 1)
     bares = {int(number): bare[lines[number] : lines[number + 1]].rstrip(b"\r\n") for number in odd}
     remarks: dict[int, Remark] = {}
     dwells: dict[int, int] = {}
     curved: list[int] = []
     for stretch in jumps_and_loops(bares, bare, lines):
         _pass(stretch, texts, remarks)
+    if lathe:
+        _pass_shapes(data, texts, remarks)
     for number in sorted(bares):
         if number in remarks:
             continue
-        editor = Editor(texts[number], bares[number], calculator=calculator)
+        editor = Editor(texts[number], bares[number], calculator=calculator, turned=by_words)
         editor.translate()
         texts[number] = editor.text
         if editor.remark is not None:
@@ -287,19 +316,51 @@ def read_fanuc(
             _pass(_modal_call(number, bare, lines), texts, remarks)
         if editor.begins_nurbs:
             curved.append(number)
-    first = unmeasured(bare, lines)
-    if first is not None and texts[first].strip() != NOT_UNDERSTOOD.encode():
+    unsaid = None if by_words else unmeasured(bare, lines)
+    if unsaid is not None and texts[unsaid].strip() != NOT_UNDERSTOOD.encode():
         # Of two words of a group the reader knows that either may hold.
-        texts[first] = b"G90 G91 " + texts[first]
-        remarks[first] = Remark(what=UNMEASURED)
+        texts[unsaid] = b"G90 G91 " + texts[unsaid]
+        remarks[unsaid] = Remark(what=UNMEASURED)
     nurbs = find_nurbs(bare, lines, curved, calculator=calculator)
     for one in nurbs:
         one.write(texts, remarks)
     rule = None if calculator else partial(in_increments, decimals=decimals)
-    language = Language(lengths=rule, further=FURTHER, shortest=True, contours=contours)
+    language = Language(
+        lengths=rule,
+        further=FURTHER,
+        shortest=True,
+        contours=contours,
+        diameters=lathe,
+        fixed=_fixed_modes(bare, by_words=by_words) if lathe else {},
+    )
     found = read_translated(data, lines, name, texts, remarks, in_place=True, language=language)
     found = _in_seconds(with_nurbs(found, nurbs), dwells)
+    found = _say_diameters(found) if lathe and not asked else found
     return found if calculator else _say_increments(found, texts, decimals)
+
+
+def _fixed_modes(bare: bytes, *, by_words: bool) -> dict[int, float]:
+    """Modes of a lathe that no line of its program changes, by column of a state."""
+    found = {} if _OTHER_PLANES.search(bare) else {PLANE: 18.0}
+    return found | ({ABSOLUTE: 1.0} if by_words else {})
+
+
+def _say_diameters(program: PartProgram) -> PartProgram:
+    """Note the first X, which is a diameter."""
+    words = program.words
+    rows = np.flatnonzero((words.letter == ord("X")) & (words.block <= program.breaks[-1].block))
+    if not rows.size:
+        return program
+    block = int(words.block[rows[0]])
+    start, end = int(words.start[rows[0]]), int(words.end[rows[0]])
+    word, column = program.data[start:end].decode("ascii", "replace"), start - int(program.lines[block]) + 1
+    what = f"X is taken for a diameter, as lathes have it (fanuc+lathe says so): {word}"
+    return _with_note(program, Note(first=block, last=block, column=column, what=what, why=QUIET))
+
+
+def _with_note(program: PartProgram, note: Note) -> PartProgram:
+    notes = sorted([*program.notes, note], key=lambda one: one.first)
+    return msgspec.structs.replace(program, notes=tuple(notes))
 
 
 def _say_increments(program: PartProgram, texts: Sequence[bytes], decimals: int) -> PartProgram:
@@ -315,9 +376,7 @@ def _say_increments(program: PartProgram, texts: Sequence[bytes], decimals: int)
     step = f"1e-{decimals} mm or 1e-{decimals + 1} inch (fanuc+calculator: 1)"
     what = f"lengths without a decimal point count {step}: {text}"
     column = int(words.start[rows[0]] - lines[block]) + 1
-    note = Note(first=block, last=block, column=column, what=what, why=QUIET)
-    notes = sorted([*program.notes, note], key=lambda one: one.first)
-    return msgspec.structs.replace(program, notes=tuple(notes))
+    return _with_note(program, Note(first=block, last=block, column=column, what=what, why=QUIET))
 
 
 def _pass(stretch: PassedLines, texts: list[bytes], remarks: dict[int, Remark]) -> None:
@@ -326,6 +385,16 @@ def _pass(stretch: PassedLines, texts: list[bytes], remarks: dict[int, Remark]) 
         if texts[number].strip():
             texts[number] = NOT_UNDERSTOOD.encode().ljust(len(texts[number]))
             remarks[number] = Remark(what=stretch.what)
+
+
+def _pass_shapes(data: bytes, texts: list[bytes], remarks: dict[int, Remark]) -> None:
+    """Pass the shapes of cycles through, behind which neither the place nor F is known."""
+    for first, last in shapes_of(data):
+        for number in range(first, last + 1):
+            if texts[number].strip():
+                what = f"{FORGOTTEN} F#1" if number == last else FORGOTTEN
+                texts[number] = what.encode().ljust(len(texts[number]))
+                remarks[number] = Remark(what="shape of a turning cycle")
 
 
 def _modal_call(number: int, bare: bytes, lines: np.ndarray) -> PassedLines:

@@ -1,0 +1,98 @@
+"""How programs of Fanuc's lathes are told from those of its mills, and which of their lines a cycle takes as data.
+
+FANUC Series 30i/31i/32i-MODEL B, Operator's Manual for Lathe System, B-64484EN-1: G50 with S alone is the spindle's
+highest speed (G code system A), G70 to G73 with P and Q are multiple repetitive cycles, and the blocks from the
+sequence number P to Q are the finished shape, which is cut by the cycles alone.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+_CYCLE: Final = re.compile(rb"G7[0-3](?![\d.])[^\n\r;]*")
+_SHAPE: Final = {letter: re.compile(rb"%s\s*0*(\d+)" % letter.encode()) for letter in "PQ"}
+_OTHERS: Final = re.compile(rb"[XYZR]\s*[-+.\d]")
+_FASTEST: Final = re.compile(rb"G50\s*S\s*\d")
+_SURFACE: Final = re.compile(rb"G96(?![\d.])")
+
+_GROUP_1: Final = re.compile(rb"G0*(?:[0123]|32|34)(?![\d.])")
+_PLACES: Final = re.compile(rb"[XZUW]\s*[-+.\d]")
+_DISTANCE: Final = re.compile(rb"G9([01])(?![\d.])")
+_LABEL: Final = re.compile(rb"[ \t/]*N[ \t]*0*(\d+)")
+_LINE: Final = re.compile(rb"\r\n|\r|\n")
+_COMMENT: Final = re.compile(rb"\([^)\n\r]*\)?")
+
+
+def is_turned(data: bytes) -> bool:
+    r"""Return whether a program of Fanuc's is one of a lathe: it has words that no mill has.
+
+    Those that `--expand` wrote out stand in comments, and are found there.
+
+    Examples
+    --------
+    >>> is_turned(b"G50 S2500\nG96 S200 M3\n"), is_turned(b"G71 P10 Q20 U0.4 W0.1 F0.2\n")
+    (True, True)
+    >>> is_turned(b"G50\nG0 X1. S2500\n"), is_turned(b"G73 X1. Z-5. R1. Q2. P100\n")
+    (False, False)
+    """
+    text = data.upper()
+    if b"G50" in text and _FASTEST.search(text) and _SURFACE.search(text):
+        return True
+    return b"G7" in text and any(_shape_of(found[0]) is not None for found in _CYCLE.finditer(text))
+
+
+def _shape_of(line: bytes) -> tuple[int, int] | None:
+    """Return the sequence numbers of the shape that a line's cycle takes, None where it is no such cycle."""
+    if _OTHERS.search(line):
+        return None
+    first, last = (pattern.search(line) for pattern in (_SHAPE["P"], _SHAPE["Q"]))
+    return None if first is None or last is None else (int(first[1]), int(last[1]))
+
+
+def has_increments_by_words(data: bytes) -> bool:
+    r"""Return whether a lathe's program is of G code system A, in which U and W are increments and G90 is a cycle.
+
+    In the systems B and C G90 and G91 say what X and Z are: they stand beside another motion, or without places.
+
+    Examples
+    --------
+    >>> has_increments_by_words(b"G99 G0 X5. W-2.\nG90 X40. Z-20. F0.2\n")
+    True
+    >>> has_increments_by_words(b"G90 G0 X5. Z1.\n"), has_increments_by_words(b"G21 G90 G95\n")
+    (False, False)
+    """
+    bare = _COMMENT.sub(b"", data.upper())
+    for line in bare.splitlines():
+        for found in _DISTANCE.finditer(line):
+            if found[1] == b"1" or _GROUP_1.search(line) or not _PLACES.search(line):
+                return False
+    return True
+
+
+def shapes_of(data: bytes) -> list[tuple[int, int]]:
+    r"""Return the first and last lines of the shapes that cycles take, from 0.
+
+    Where sequence numbers stand more than once, all stretches that they may mean.
+
+    Examples
+    --------
+    >>> shapes_of(b"G71 P1 Q2 U.4 W.1\nN1 G0 X1.\nN2 G1 Z-1.\nG70 P1 Q2\n")
+    [(1, 2)]
+    """
+    bare = _COMMENT.sub(b"", data.upper())
+    asked = {shape for found in _CYCLE.finditer(bare) if (shape := _shape_of(found[0])) is not None}
+    if not asked:
+        return []
+    labels: dict[int, list[int]] = {}
+    for number, line in enumerate(_LINE.split(bare)):
+        label = _LABEL.match(line)
+        if label is not None:
+            labels.setdefault(int(label[1]), []).append(number)
+    found = set()
+    for first, last in asked:
+        for begin in labels.get(first, []):
+            end = next((line for line in labels.get(last, []) if line >= begin), None)
+            if end is not None:
+                found.add((begin, end))
+    return sorted(found)

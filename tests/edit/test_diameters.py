@@ -1,0 +1,126 @@
+"""Programs of lathes, which tell X in diameters: offsets are twice as large in their words."""
+
+import re
+
+import numpy as np
+import pytest
+from support.corpus import stepper
+from support.ideal_play import distances
+from support.lathe_player import LathePlayer
+from support.reference_player import play
+
+from ph_post.api.compensation import compensated, undo
+from ph_post.api.options import CompensateOptions
+from ph_post.dialects.reading import read_as
+from ph_post.dialects.registry import find_dialect
+from ph_post.errors import InputError
+from ph_post.files.storage import SourceBytes
+from ph_post.progress import no_progress
+from ph_post.verify.verify import verify
+
+GAP = 0.05
+HEAD = "%\nO2003\nG00 G18 G21 G40 G99\nG50 S2500\nG96 S200 M03\nT0101\n"
+PROFILE = (
+    "G00 X50. Z5.\nG00 X20. Z2.\nG01 Z-5. F0.1\nG02 X30. Z-10. R5.\nG01 X36.123\nZ-12.\nG03 X30. Z-15. R3.\nG01 Z-18.\n"
+    "G02 X40. Z-23. I5. K0.\nG01 X46.\nZ-20.\nX60.\nG00 X60. Z5.\nM30\n%\n"
+)
+SHAPE = (
+    "G00 X62. Z4.\nG71 U1.5 R0.5\n"
+    "G71 P10 Q20 U0.4 W0.1 F0.2\nN10 G00 X10.\nG01 W-15. F0.1\nU10. W-10.\nG02 U10. W-5. R5.\n"
+    "N20 G01 X58.\nG70 P10 Q20\nG00 X62. Z4.\nG90 X50. Z-20. F0.2\nX45.\nX40.\nG00 X70. Z5.\nM30\n%\n"
+)
+
+
+def way_of(text):
+    """Places of the tool (n, 2) [mm] in radii, and whether it cuts there, each 0.02 mm."""
+    points, cuts, at = [], [], None
+    for kind, *numbers in LathePlayer().play(text):
+        if kind not in (0, 1, 2, 3):
+            continue
+        end = np.array(numbers[:2])
+        if at is not None and kind < 2:
+            count = max(2, int(np.ceil(np.linalg.norm(end - at) / 0.02)))
+            found = at + np.linspace(0.0, 1.0, count + 1)[1:, None] * (end - at)
+        elif at is not None:
+            center = np.array(numbers[2:])
+            one, other = at - center, end - center
+            begin, last = (np.arctan2(way[0], way[1]) for way in (one, other))
+            sweep = (last - begin) % (2.0 * np.pi) if kind == 3 else -((begin - last) % (2.0 * np.pi))
+            angle = begin + sweep * np.linspace(0.0, 1.0, 401)[1:]
+            size = np.linspace(np.linalg.norm(one), np.linalg.norm(other), 401)[1:]
+            found = center + np.column_stack([size * np.sin(angle), size * np.cos(angle)])
+        else:
+            found = end[None]
+        points.append(found)
+        cuts.append(np.full(len(found), kind > 0))
+        at = end
+    return np.concatenate(points), np.concatenate(cuts)
+
+
+def errors_of(before, after):
+    """Rms [mm] of the table behind ideal play from the way of the original, worst of both sides, deep in the work."""
+    path, cut = way_of(before)
+    path = path[cut | np.append(cut[1:], False)]
+    found = []
+    for text in (before, after):
+        motor, cuts = way_of(text)
+        # Away from where the tool comes to its side of the backlash.
+        cuts = cuts & (motor[:, 1] < 1.5) & (motor[:, 0] < 28.9)
+        worst = 0.0
+        for side in (-1.0, 1.0):
+            table = np.column_stack([play(motor[:, 0], GAP, side), play(motor[:, 1], GAP, side) - 0.5 * GAP])
+            away = distances(
+                np.column_stack([table[cuts], np.zeros(cuts.sum())]), np.column_stack([path, 0 * path[:, 0]])
+            )
+            worst = max(worst, float(np.sqrt((away**2).mean())))
+        found.append(worst)
+    return found
+
+
+def made_of(text, dialect="fanuc"):
+    source = SourceBytes(name="a.nc", stem="a", data=text.encode())
+    result = compensated(source, stepper(dialect), CompensateOptions(expand=True), "program", no_progress)
+    return result, result.program().decode()
+
+
+def no_comments(text):
+    return re.sub(r"\([^)\n]*\)\n?", "", text)
+
+
+@pytest.mark.parametrize("part", [PROFILE, SHAPE])
+def test_the_table_follows_the_profile(part):
+    result, after = made_of(HEAD + part)
+    before, found = errors_of(HEAD + part, no_comments(after))
+    assert before > 0.012
+    assert found < 0.2 * before
+    assert undo(SourceBytes(name="a.nc", stem="a", data=after.encode())) == (HEAD + part).encode()
+    assert all(row.compensated == row.all > 0 for row in result.axis_reversals)
+
+
+def test_the_shape_of_a_cycle_is_left_as_it_is():
+    _, after = made_of(HEAD + SHAPE)
+    assert SHAPE[SHAPE.index("G71 P") : SHAPE.index("G70")] in after
+
+
+def test_an_offset_is_twice_as_large_in_its_words():
+    _, after = made_of(HEAD + PROFILE)
+    assert "(PH-POST: OFFSET X 0.025 MM)" in after
+    assert "G02 X30.05 Z-10. R5." in after
+    original = read_as("fanuc", (HEAD + PROFILE).encode(), "a.nc")
+    for text, passed in ((after, True), (after.replace("G02 X30.05", "G02 X30.025"), False)):
+        verdict = verify(original, read_as("fanuc", text.encode(), "b.nc"), tolerance=1e-5, machine=stepper("fanuc"))
+        assert verdict.ok is passed
+
+
+def test_a_dialect_says_what_no_word_of_a_program_says():
+    text = "%\nO1\nG21 G99 G40\nG0 X50. Z2.\nG1 Z-5. F0.1\nG2 X60. Z-10. R5.\nM30\n%\n"
+    ends = [
+        read_as(dialect, text.encode(), "a.nc").motions.end[-1].tolist()[::2] for dialect in ("fanuc", "fanuc+lathe")
+    ]
+    assert ends == [[0.06, -0.01], [0.03, -0.01]]
+    assert read_as("fanuc+lathe", text.encode(), "a.nc").motions.kind.size == 3
+
+
+def test_a_path_is_not_written_for_a_lathe():
+    with pytest.raises(InputError, match=r"fanuc\+lathe writes no paths"):
+        find_dialect("fanuc+lathe").syntax.opening("G18")
