@@ -21,6 +21,7 @@ from ph_post.progress import no_progress
 from support.canon_player import canon_moves
 from support.corpus import TOOLS, Entry, stepper
 from support.ideal_play import distances
+from support.lathe_player import LATHE, lathe_moves
 from support.reference_player import BEGINS, Move, interpret, play
 from support.sinumerik_motions import Run as SiemensRun
 from support.tnc_motions import TncRun, iso_run
@@ -164,7 +165,11 @@ def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | 
         begins = [(0.0, 0.0, 0.0)] if dialect in PRINTERS else BEGINS
         if _SWITCHES.search(text):
             return None
-        told = [canon_moves(text, begin, TOOLS.read_text()) for begin in begins] if dialect == "linuxcnc" else [None]
+        told: list[list[Move] | None] = [None]
+        if dialect == "linuxcnc":
+            told = [canon_moves(text, begin, TOOLS.read_text()) for begin in begins]
+        elif dialect == "fanuc" and LATHE.search(text.upper()):
+            told = [lathe_moves(text.upper(), begin) for begin in begins]
         if all(moves is not None for moves in told):
             return _sampled(told)
         read = _UNREAD.sub("", _END.split(text.upper())[0])

@@ -7,14 +7,46 @@ not know it gives as a word of its own. Nothing is shared with the package.
 import math
 import re
 
+import numpy as np
+
+from .reference_player import Move
+
 WORD = re.compile(r"([A-Z])(-?\d*\.?\d*)")
+
+LATHE = re.compile(r"G7[0-3](?=[^\n]*P\d)(?=[^\n]*Q\d)(?![^\n]*[XZ][-.\d])|(?s:G50 *S\d.*G96)|(?s:G96.*G50 *S\d)")
+"""Words that mills have not: cycles of a shape from P to Q, and a highest speed of the spindle beside a speed of cut."""
+
+
+def lathe_moves(text, begin):
+    """Moves of a lathe's program [mm] that begins at a place, to which it comes back where nobody knows its own."""
+    player = LathePlayer(begin)
+    unit, at, found = 1.0, np.array(begin), []
+    for kind, *numbers in player.play(text):
+        if kind == "unit":
+            unit = numbers[0]
+        if kind not in (0, 1, 2, 3):
+            continue
+        end = np.array(begin) if len(numbers) == 0 else np.array([unit * numbers[0], begin[1], unit * numbers[1]])
+        move = Move(kind, at, end, 0, math.nan)
+        if kind > 1:
+            center = unit * numbers[3], unit * numbers[2]
+            first, last = (math.atan2(one[0] - center[1], one[2] - center[0]) for one in (at, end))
+            sweep = (last - first) % math.tau if kind == 3 else -((first - last) % math.tau)
+            move = Move(kind, at, end, 0, math.nan, (2, 0, 1), center, sweep, spiral=True)
+        found.append(move)
+        at = end
+    # Where a program ends with the tool at home its last place is that of its last move before.
+    while found and not found[-1].mode and (found[-1].end == begin).all():
+        found.pop()
+    return found
 
 
 class LathePlayer:
-    def __init__(self):
+    def __init__(self, begin=None):
         self.moves = []
-        self.x = self.z = math.nan  # in diameters, as the program says
-        self.group, self.cycle = None, None
+        self.begin = None if begin is None else (2.0 * begin[0], begin[2])
+        self.x, self.z = self.begin or (math.nan, math.nan)  # in diameters, as the program says
+        self.group, self.cycle = 0.0, None
 
     def play(self, text):
         self.blocks = []
@@ -22,17 +54,21 @@ class LathePlayer:
             bare = re.sub(r"\(.*?\)", "", line).replace(" ", "").strip()
             if bare and bare[0] not in "%O":
                 self.blocks.append(WORD.findall(bare))
+        ends = (k for k, words in enumerate(self.blocks) if any(w[0] == "M" and float(w[1]) in (2, 30) for w in words))
+        self.blocks = self.blocks[: next(ends, len(self.blocks)) + 1]
         labels = {int(words[0][1]): k for k, words in enumerate(self.blocks) if words and words[0][0] == "N"}
         k = 0
         while k < len(self.blocks):
             values = dict(self.blocks[k])
             codes = [float(number) for letter, number in self.blocks[k] if letter == "G"]
             rough = {71.0, 72.0, 73.0} & set(codes)
-            shape = [labels[int(values[letter])] for letter in "PQ"] if "P" in values and "Q" in values else None
+            shape = None
+            if {"P", "Q"} <= set(values) and {int(float(values[one])) for one in "PQ"} <= set(labels):
+                shape = [labels[int(values[letter])] for letter in "PQ"]
             if rough:
                 self.moves.append(("cycle", *[word for word in self.blocks[k] if word[0] != "N"]))
                 k = shape[1] if shape else k
-            elif 70.0 in codes:
+            elif 70.0 in codes and shape:
                 begin = self.x, self.z
                 for line in range(shape[0], shape[1] + 1):
                     self.block([word for word in self.blocks[line] if word[0] != "N"])
@@ -44,14 +80,22 @@ class LathePlayer:
         return self.moves
 
     def block(self, words):
-        values = {letter: float(number) for letter, number in words if letter not in "GM"}
+        values = {letter: float(number) for letter, number in words if letter not in "GM" and number}
         codes = [float(number) for letter, number in words if letter == "G"]
+        self.moves += [("unit", 25.4 if code == 20.0 else 1.0) for code in codes if code in (20.0, 21.0)]
         self.moves += [("word", letter, float(number)) for letter, number in words if letter in "MST"]
         self.moves += [("feed", code) for code in codes if code in (98.0, 99.0)]
         for code in codes:
             if code in (0.0, 1.0, 2.0, 3.0, 90.0, 94.0):
                 self.group = code
                 self.cycle = {"begin": (self.x, self.z)} if code >= 90.0 else None
+        if {28.0, 30.0, 53.0} & set(codes):
+            if self.begin is not None:
+                self.moves.append((0,))
+                self.x, self.z = self.begin
+            return
+        if {4.0, 10.0, 50.0, 74.0, 75.0, 76.0, 92.0} & set(codes):
+            return
         x, z = self.target(values)
         if not set(values) & set("XZUW"):
             return
