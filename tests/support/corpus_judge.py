@@ -161,22 +161,22 @@ def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | 
             run = runs[dialect](text)
             kept = _thinned(run.path)
             return run.path[kept], run.cutting[kept]
-        # Printers home; others stand where nobody knows.
-        begins = [(0.0, 0.0, 0.0)] if dialect in PRINTERS else BEGINS
+        # Printers home, and may be pushed by hand where they let go of their motors; others stand where nobody knows.
+        begins = [((0.0, 0.0, 0.0) if dialect in PRINTERS else one, one) for one in BEGINS]
         if _SWITCHES.search(text):
             return None
         told: list[list[Move] | None] = [None]
         if dialect == "linuxcnc":
-            told = [canon_moves(text, begin, TOOLS.read_text()) for begin in begins]
+            told = [canon_moves(text, begin, TOOLS.read_text()) for begin, _ in begins]
         elif dialect == "fanuc" and LATHE.search(text.upper()):
-            told = [lathe_moves(text.upper(), begin) for begin in begins]
+            told = [lathe_moves(text.upper(), begin) for begin, _ in begins]
         if all(moves is not None for moves in told):
             return _sampled(told)
         read = _UNREAD.sub("", _END.split(text.upper())[0])
         if dialect == "fanuc":
             read = _UNDOTTED.sub(lambda found: f"{found[1]}{float(found[2]) / THOUSAND}", read)
         laid = _laid(read) if dialect in PRINTERS else None
-        return _sampled([interpret(read, begin, spiral=True) for begin in begins], laid)
+        return _sampled([interpret(read, one, spiral=True, released=other) for one, other in begins], laid)
     except (ArithmeticError, LookupError, TypeError, ValueError):
         return None
 

@@ -80,8 +80,18 @@ class Move:
         return way / np.linalg.norm(way)
 
 
-def interpret(text: str, begin: tuple[float, ...] = BEGINS[0], *, spiral: bool = False) -> list[Move]:
-    """Read the motions of a program that begins at a place [mm], with arcs that are a `spiral` or not."""
+def interpret(
+    text: str,
+    begin: tuple[float, ...] = BEGINS[0],
+    *,
+    spiral: bool = False,
+    released: tuple[float, ...] | None = None,
+) -> list[Move]:
+    """Read the motions of a program that begins at a place [mm], with arcs that are a `spiral` or not.
+
+    Where motors are let go (M18, M84) X and Y are pushed by hand to the place where they were `released`, if that is
+    given.
+    """
     unit, absolute, own_center, inverse, plane, mode, feed = 1.0, True, True, False, 17, None, 0.0
     at, moves = np.array(begin), []
     for number, raw in enumerate(text.splitlines(), 1):
@@ -97,6 +107,8 @@ def interpret(text: str, begin: tuple[float, ...] = BEGINS[0], *, spiral: bool =
             plane = code // 10 if code in (170, 180, 190) else plane
             mode = code // 10 if code in (0, 10, 20, 30) else mode
         feed = value.get("F", feed)
+        if released is not None and {("M", "18"), ("M", "84")} & set(words):
+            at = np.append(released[:2], at[2])
         if (
             40 in codes
             or 280 in codes
