@@ -460,9 +460,16 @@ class _PlanSearch:
         )
 
     def _without_failed(self, made: CompensatedProgram, refused: Places, options: EditOptions) -> EditOptions:
-        """Leave what does not pass the check as it is: of a section first the motions about it, then all of it."""
+        """Stop for crossings on the fly that do not pass the check, and leave what does not pass it then as it is.
+
+        Of a section the motions about it are left first, then all of it.
+        """
         original, verdict = self._original, made.verdict
         places = refused if verdict is None else _failed_places(original, made.after, verdict)
+        assert made.edits is not None
+        standing = _crossed_in(made.edits, places) - options.standing
+        if standing and (verdict is None or verdict.found == len(verdict.failures)):
+            return replace(options, standing=options.standing | standing)
         stretches, sections = self._parted(places)
         failed = with_neighbours(sections, options.left, self._count) - options.left
         if not failed and not stretches:
@@ -540,6 +547,13 @@ def _side_notes(options: EditOptions) -> tuple[str, ...]:
     """Say in the head of a program on which side of the path the part was said to be."""
     side = {1: "left", -1: "right"}.get(options.part_side)
     return () if side is None else (f"the part is on the {side} of the path",)
+
+
+def _crossed_in(edits: Edits, places: Places) -> frozenset[int]:
+    """Return the motions of the crossings that lie on any of the motions between places."""
+    crossed = [{part.motion for part in one.parts} for one in edits.crossings]
+    found = [one for one in crossed if any(min(one) <= last and first <= max(one) for first, last in places)]
+    return frozenset().union(*found)
 
 
 def _failed_places(program: PartProgram, after: PartProgram, verdict: Verdict) -> Places:

@@ -193,8 +193,9 @@ def _of_path(
     motion = np.array([number for _, number, _ in places], dtype=np.int64)
     lines = found.before.motions.block[motion] + 1
     windows = {member: window for window in analysis.windows for member in window.members}
-    shifted = _shifted(changes, found.before.motions, path, analysis, places, reach)
-    at_end = np.array([one[2] == MILLION for one in places], dtype=np.int64)
+    slight = _slight(analysis, found.before.motions, motion)
+    at_end = _at_end(found.before.motions, analysis, places, slight)
+    shifted = _shifted(changes, found.before.motions, path, analysis, places, reach, at_end)
     after = np.minimum(np.searchsorted(path.motion, motion) + at_end, path.motion.size - 1)
     rows = zip(
         analysis.turning_points,
@@ -203,10 +204,10 @@ def _of_path(
         lines.tolist(),
         shifted,
         path.motion[after].tolist(),
-        _slight(analysis),
+        slight,
         strict=True,
     )
-    for point, place, near, line, carried, behind, slight in rows:
+    for point, place, near, line, carried, behind, little in rows:
         edit = done.get(place) or _near(done, path, point, near)
         yield ProgramReversal(
             path=path,
@@ -215,21 +216,42 @@ def _of_path(
             window=windows.get(point.index),
             line=line,
             cut=bool(found.before.motions.kind[behind] != RAPID),
-            slight=slight,
+            slight=little,
             strategy=TAKE_UP if carried else edit.strategy,
             profile=edit.profile,
             crossings=edit.crossings,
         )
 
 
-def _slight(analysis: Analysis) -> list[bool]:
-    """Say of the turning points of a path where the axis goes there and back by no more than the tolerance."""
+def _at_end(motions: Motions, analysis: Analysis, places: Sequence[Place], slight: Sequence[bool]) -> BoolArray:
+    """Mask of the turning points (n,) at the ends of their motions.
+
+    But for `slight` ones the motion may go on by no more than the tolerance.
+    """
+    position = np.array([point.position for point in analysis.turning_points])
+    motion = np.array([number for _, number, _ in places], dtype=np.int64)
+    column = np.array([AXES.index(name) for name, *_ in places], dtype=np.int64)
+    share = np.array([part for *_, part in places], dtype=np.int64)
+    near = np.abs(motions.end[motion, column] - position) <= analysis.tolerance
+    # An axis may have come to there before.
+    return np.asarray((share == MILLION) | (near & (2 * share > MILLION) & ~np.array(slight, dtype=np.bool_)))
+
+
+def _slight(analysis: Analysis, motions: Motions, motion: IntArray) -> list[bool]:
+    """Say of the turning points of a path where the axis goes there and back by no more than the tolerance.
+
+    They belong to motions (n,): straight ones go no farther than their ends, as the curve through those may.
+    """
     track, points = analysis.track, analysis.turning_points
     s = np.array([0.0, *(point.s for point in points), track.length])
     places = track.derivatives(*track.locate(s))[0]
     found = [True] * len(points)
+    straight = motions.kind[motion] == LINE
     for column, name in enumerate(analysis.path.axes):
         own = [number for number, point in enumerate(points) if point.axis == name]
+        ends = np.sort([one[motion, AXES.index(name)] for one in (motions.start, motions.end)], axis=0)
+        inside = places[1:-1, column]
+        places[1:-1, column] = np.where(straight & ~np.isnan(ends[1]), np.clip(inside, *ends), inside)
         rows = [0, *(number + 1 for number in own), s.size - 1]
         for kept in zigzag(places[rows, column], analysis.tolerance)[0][1:].tolist():
             found[own[kept - 1]] = False
@@ -254,6 +276,7 @@ def _shifted(
     analysis: Analysis,
     places: Sequence[Place],
     reach: Array,
+    at_end: BoolArray,
 ) -> list[bool]:
     """Mask of the turning points at which the lasting offset of the axis that turns changes.
 
@@ -272,7 +295,8 @@ def _shifted(
         rests = {place[1] - back for place in places if place[0] == name for back in (0, 1)}
         left_off[name] = _left_off(motions, path, AXES.index(name), rests)
     found = []
-    for point, (name, motion, share), near in zip(points, places, reach, strict=True):
+    still = (motions.start == motions.end).all(axis=1)
+    for point, (name, motion, _), near, ends in zip(points, places, reach, at_end.tolist(), strict=True):
         if name not in changes.axes:
             found.append(False)
             continue
@@ -284,10 +308,11 @@ def _shifted(
             begin = left_off[name][rest]
             low = float(path.to_path(np.array([begin]), np.ones(1))[0])
         stops = (column == AXES.index(name)) & (end_at > low - near - PASSED) & (begin_at < point.s + near + PASSED)
-        leaves = motion + (2 if share == MILLION else 1)
+        leaves = motion + (2 if ends else 1)
         # A rapid that takes the axis away takes up its backlash on the way, as a plunge behind a rapid does in the air.
-        behind = motion + 1 < motions.kind.size and motions.kind[motion + 1] == RAPID
-        away = share == MILLION and (behind or motions.kind[motion] == RAPID)
+        while leaves < still.size and ends and still[leaves - 1]:
+            leaves += 1
+        away = ends and (motions.kind[min(leaves, still.size) - 1] == RAPID or motions.kind[motion] == RAPID)
         found.append(bool(away or stops.any() or changes.carried[begin + 1 : leaves, AXES.index(name)].any()))
     return found
 

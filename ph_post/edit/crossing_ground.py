@@ -31,6 +31,8 @@ from ph_post.edit.lagging_crossings import SHORT_LAG
 from ph_post.edit.positions import shiftable
 from ph_post.edit.preconditions import why_kept_whole
 from ph_post.edit.reversals import (
+    FIRST,
+    LAST,
     MOTION,
     SHARE,
     motion_view,
@@ -116,6 +118,8 @@ class CrossingGround:
         1 where the part is on the left of the path, -1 where on its right, 0 where that is not known.
     plain_corners : bool
         No crossing lies behind a corner.
+    standing : collection of int
+        Motions beside which nothing is crossed on the fly.
     """
 
     def __init__(
@@ -131,8 +135,10 @@ class CrossingGround:
         *,
         part_side: int = 0,
         plain_corners: bool = False,
+        standing: Collection[int] = (),
     ) -> None:
         self.part_side, self.plain_corners = part_side, plain_corners
+        self._standing = np.array(sorted(standing), dtype=np.int64)
         self.overshoot = overshoot
         stream = dialect.abilities.stream
         self.least = max(PERIODS * machine.servo_period, LINE_SIZE / stream.rate if stream is not None else 0.0)
@@ -284,6 +290,14 @@ class CrossingGround:
             return None
         lost = self.machine.axes[AXES[column]].gap.lost_motion
         return own if self.way[own, column] * sign >= APPROACH * lost else None
+
+    def stands(self, rows: Array) -> BoolArray:
+        """Mask of the changes (n,) that are not to be crossed on the fly: rows of changes."""
+        motion = rows[:, MOTION]
+        first = np.minimum(rows[:, FIRST], motion)
+        last = np.maximum(rows[:, LAST], motion + (rows[:, SHARE] == 1.0))
+        low, high = np.searchsorted(self._standing, first), np.searchsorted(self._standing, last, side="right")
+        return np.asarray(high > low)
 
     def behind_rapid(self, row: Array) -> bool:
         """Return whether a change, a row of changes, happens behind a rapid."""

@@ -243,7 +243,7 @@ class SpotSearch:
         stops = (ground.region[motion] < 0) | ends | (ground.halts[motion] & (ground.rounding == 0.0))
         corner = (rows[:, SHARE] == 1.0) & (rows[:, PASSED] < KINK * spots.feed)
         inner = (rows[:, SIGN] != 0.0) & (rows[:, CARRIED] == 0.0) & ~spots.first & (spots.feed > 0.0)
-        inner &= ~stops | (spots.spread > 0.0)
+        inner &= (~stops | (spots.spread > 0.0)) & ~ground.stands(rows)
         room = np.minimum(spots.rest[:, 1], spots.bound[:, 1]) - np.maximum(spots.rest[:, 0], spots.bound[:, 0])
         blend = self._blends(spots, motion)
         calm = inner & (room >= spots.feed * (wait + SETTLING * lag) + 2.0 * blend) & (room > 2.0 * shortest)

@@ -258,6 +258,8 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         Where the time is short compensate all axes up to a place in a section, in place of some axes in all of it.
     plain_corners : bool
         No crossing lies behind a corner, however slowly the path leaves it.
+    standing : frozenset of int
+        Motions beside which axes cross in moves of their own: a crossing on the fly there did not pass the check.
     position_from : {0, 1, -1}
         Side from which axes come to places to which a rapid brings them, and at which they rest while the tool cuts;
         0 for either.
@@ -279,6 +281,7 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     largest_first: bool = False
     in_parts: bool = False
     plain_corners: bool = False
+    standing: frozenset[int] = frozenset()
     position_from: int = 0
     overshoot: float | None = None
     part_side: int = 0

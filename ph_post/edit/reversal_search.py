@@ -124,6 +124,7 @@ class ReversalSearch:
             options.tolerance,
             part_side=options.part_side,
             plain_corners=options.plain_corners,
+            standing=options.standing,
         )
         # A table that runs on behind a rapid is anywhere in its backlash.
         flies = any(math.isfinite(braked(machine.axes[name])) for name in amplitude)

@@ -1,11 +1,13 @@
 """Programs compensated and judged: what is written passes, and what cannot be written is said in one line."""
 
+from pathlib import Path as File
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
 from support.compensated import headed
-from support.corpus import stepper
-from support.corpus_judge import Judged, compare
+from support.corpus import Entry, stepper
+from support.corpus_judge import Judged, compare, judge
 from support.editing import with_edits
 from support.random_cuts import random_cut
 
@@ -288,3 +290,59 @@ def test_where_rounded_corners_leave_a_part_no_better_it_is_said_what_may_help(m
     made = delivered(text, machine=read_machine("router"), request=asked(strategy="auto"))
     assert (made.after is made.before) == bool(words)
     assert any("the part would be no better; " + words in one for one in made.edits.warnings) == bool(words)
+
+
+PEN = (
+    "G21\nG90\nG92 X0 Y0 Z0\n{}G1 X11 Y31.1 F3500\nM300 S30\nG4 P150\nG1 X16.6 Y32.7\nG1 X26 Y29\nG1 X3 Y3\n"
+    "G1 X20 Y70\nG1 X60 Y20\nG1 X70 Y100\nG1 X10 Y3\nM300 S50\nG1 X0 Y0\n"
+)
+"""A plotter's program as an extension of Inkscape writes it: a servo lifts the pen, and all moves are cuts."""
+
+
+@pytest.mark.parametrize("before", ["", "M18\nM01\nM17\n"], ids=["from a place", "from where it was pushed"])
+def test_a_program_that_begins_with_a_cut_is_compensated_from_there(before):
+    found = judge(Entry("pen", File(), "marlin", PEN.format(before)))
+    assert (found.compensated, found.followed) == (found.reversals, found.shown)
+    assert found.shown == 6
+    assert found.rms[1] < 0.001
+    assert found.rms[0] > 0.01
+    assert found.time[1] < 1.1 * found.time[0]
+
+
+def test_a_crossing_that_does_not_pass_the_check_becomes_a_stop():
+    """X turns 2 µm behind the plunge: what is crossed around that is partly in Z, and too far off the arc."""
+    text = (
+        "G21 G90 G17\nG0 Z12\nG0 X217.785 Y131.206\nG0 Z10\nG1 Z2 F360\nG1 X216 Y128\nG1 Y133\nG1 X218 Y131.158\n"
+        "G0 Z12\nG0 X218.675 Y131.175\nG0 Z10\nG1 Z1 F360\nG2 X217.798 Y128.936 I-2.998 J-0.118\n"
+        "G1 X196.581 Y107.719\nG1 Y110.787\nG1 X217.798 Y133.178\nG2 X218.675 Y131.175 I-2.121 J-2.121\nG0 Z12\nM2\n"
+    )
+    found = judge(Entry("plunge", File(), "linuxcnc", text))
+    assert (found.compensated, found.followed) == (found.reversals, found.shown)
+    assert found.rms[1] < 0.001
+    assert found.rms[0] > 0.01
+
+
+def test_an_arc_that_ends_a_rounding_behind_its_quadrant_is_taken_back_by_the_rapid_behind_it(tmp_path):
+    """X goes on to the right by 0.1 nm behind its quadrant: the rapid to the next hole turns it, and no cut."""
+    text = "G21 G90 G17\nG0 Z5\n"
+    for x in (20.0, 10.0):
+        text += (
+            f"G0 X{x + 6.645:.3f} Y25\nG1 Z-3 F360\nG2 X{x + 4.43:.3f} Y23.456 I-1.646 J0\n"
+            f"G1 X{x + 4.216:.3f} Y23.553\n"
+            f"G2 X{x + 5.601:.3f} Y26.532 I0.784 J1.447\nG2 X{x + 6.645:.3f} Y25 I-0.601 J-1.532\nG0 Z5\n"
+        )
+    text += "M2\n"
+    file = tmp_path / "part.ngc"
+    file.write_text(text, encoding="utf-8")
+    counted = {row.axis: row for row in compensate(file, read_machine("stepper")).axis_reversals}
+    assert (counted["X"].compensated, counted["X"].cut) == (counted["X"].all, 0)
+
+
+def test_a_curve_through_points_that_goes_beyond_a_line_s_end_is_no_reversal(tmp_path):
+    """X comes to 12.9 mm, lifts its pen and goes on: the smooth curve goes 5 µm farther, the line does not."""
+    points = "X12.5 Y9\nX12.4 Y9.6\nX12.5 Y10.2\nX12.8 Y10.7\nX12.9 Y11.5"
+    text = f"G21 G90\nG0 X20 Y5\nM3 S30\nG1 F3500 {points}\nM5\nG1 X36.5 Y12.3\nM3\nG1 X36.9 Y20\nM5\nM2\n"
+    file = tmp_path / "part.ngc"
+    file.write_text(text, encoding="utf-8")
+    counted = {row.axis: row.all for row in compensate(file, read_machine("stepper")).axis_reversals}
+    assert counted["X"] == 1

@@ -179,7 +179,8 @@ class CutPath:
         rapid an axis may be moved onto its side of the backlash before the cut begins: that is in the air.
         """
         works = self._works[self.legs.motion.astype(np.int64)] & (self.legs.rapid == 0.0)
-        behind_rest = np.append(True, ~works[:-1])[leg]
+        # Nothing is blended with a cut with which a program begins: it begins where the table stands.
+        behind_rest = np.append(self.legs.motion[0] > 0, ~works[:-1])[leg]
         begins = behind_rest & (place <= self.starts[leg] + BEGINS)
         cuts = works[leg] & ~begins
         if moved_by is not None and moved_by.motions.kind.size:
