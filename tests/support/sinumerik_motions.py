@@ -128,4 +128,4 @@ class Run:
 def turn(one: np.ndarray, other: np.ndarray) -> float:
     """Angle from one direction to another, to the left, from 0 to 2 pi."""
     found = math.atan2(one[0] * other[1] - one[1] * other[0], one @ other) % math.tau
-    return 0.0 if found > math.tau - 1e-7 else found
+    return 0.0 if not 1e-7 < found < math.tau - 1e-7 else found
