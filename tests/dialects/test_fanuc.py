@@ -306,3 +306,10 @@ def test_a_subprogram_is_compensated_from_where_it_says_g90_on() -> None:
     changed = compensate(text.encode(), read_machine("stepper"), dialect="fanuc").text.decode()
     assert CONTOUR + "G90" in changed
     assert "CROSSING" in changed.partition("G90")[2]
+
+
+def test_a_division_is_no_block_delete() -> None:
+    """It sets a variable and moves nothing; one by zero is named as that."""
+    program = read("#1=#2/4\n#3 = [ 1 / 0 ]\nG1 X20.\n")
+    assert [note.what for note in program.notes] == ["parameter: #1=#2/4", "division by zero: #3 = [ 1 / 0 ]"]
+    assert ends(program) == [[20.0, 10.0, 0.0]]

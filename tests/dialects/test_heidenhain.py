@@ -140,12 +140,11 @@ NAMED = {
         ("L X+Q1", "place that is computed: X"),
         ("L X+9 FQ10", "feed by the tool, or computed: FQ10"),
         ("L X+9 FU0.1", "feed by the tool, or computed: FU0.1"),
-        ("Q5 = Q6 + 3", "Q parameter: Q5 = Q6 + 3"),
         ("L X+9 M99", "call of a cycle: M99"),
         ("L X+9 M128", "unknown M function: M128"),
         ("CYCL DEF 220 PATTERN", "cycle: CYCL DEF 220 PATTERN"),
         ("CALL LBL 1", "call or jump: CALL LBL 1"),
-        ("CALL PGM B", "call or jump: CALL PGM B"),
+        ("CALL PGM B", "missing program: CALL PGM B"),
         ("/L X+9", "block delete: /L X+9"),
         ("L A+30", "axis other than X, Y and Z: 1 L A+30"),
         ("CR X+9 Y+9 DR+", "radius that is missing or computed: X+9 Y+9 DR+"),
@@ -184,6 +183,22 @@ def test_what_is_not_followed_is_named(dialect: str, block: str, told: str) -> N
     program = (klartext if dialect == "heidenhain" else iso)(block)
     assert [(note.first, note.what) for note in program.notes] == [(1, told)]
     assert program.motions.kind.size == 0
+
+
+@pytest.mark.parametrize(
+    ("block", "told"),
+    [
+        ("Q5 = Q6 + 3", "Q parameter: Q5 = Q6 + 3"),
+        ("FN 1: Q5 = +Q6 + +3", "Q parameter: FN 1: Q5 = +Q6 + +3"),
+        ("FN 18: SYSREAD Q5 = ID270 NR1 IDX1", "value that only the machine knows: FN 18: SYSREAD Q5 = ID270 NR1 IDX1"),
+        ("FN 16: F-PRINT A / B", "output: FN 16: F-PRINT A / B"),
+    ],
+)
+def test_what_computes_is_named_and_moves_nothing(block: str, told: str) -> None:
+    """An increment behind it counts from the place before it."""
+    program = klartext(f"L X+3 Y+4 F100\n{block}\nL IX+5")
+    assert [note.what for note in program.notes] == [told]
+    assert (program.motions.end[-1, :2] / MM).tolist() == [8.0, 4.0]
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)

@@ -18,6 +18,8 @@ MACRO: Final = rb"IF|WHILE|GOTO|END|DO[ \t]*\d|THEN|SETVN|POPEN|PCLOS|PRNT"
 """Pattern of the words of macro statements."""
 
 _MACRO: Final = re.compile(MACRO)
+_QUOTIENT: Final = re.compile(rb"[ \t]*(?:N[ \t]*\d+[ \t]*)?#[^=/]*=[^/]*/")
+_BY_ZERO: Final = re.compile(rb"=.*/[ \t]*\[?[ \t]*(?:0+\.?0*|\.0+)(?![\d.])")
 _LOOP: Final = re.compile(rb"(DO|END)[ \t]*(\d+)")
 _JUMP: Final = re.compile(rb"GOTO[ \t]*(\d*)")
 
@@ -129,6 +131,11 @@ class Editor:
         """Change what has to be changed."""
         if _MACRO.search(self._bare):
             self._whole("macro statement")
+            return
+        if _QUOTIENT.match(self._bare):
+            # Its slash skips no block, and it moves nothing.
+            self._note("division by zero" if _BY_ZERO.search(self._bare) else "parameter", 0, len(self._bare))
+            self._put(0, len(self._text))
             return
         if {65.0, 66.0, 66.1, 67.0} & self._codes.keys() or self._has(b"M", 198):
             self._whole("call of a macro or subprogram")

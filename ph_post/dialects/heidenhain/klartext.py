@@ -28,6 +28,7 @@ from ph_post.dialects.heidenhain.tnc import (
     joined,
     number_of,
 )
+from ph_post.dialects.reading import Remark
 from ph_post.gcode.program import PartProgram
 
 _PLACE: Final = re.compile(rf"(?<![A-Z])(I?)([XYZABCUVW])\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
@@ -40,6 +41,9 @@ _RADIUS: Final = re.compile(rf"R\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
 _ANGLE: Final = re.compile(rf"(I?)PA\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
 _SET: Final = re.compile(rf"(?:FN\s*0\s*:\s*)?(Q[LRS]?\d+)\s*=\s*({NUMBER})\s*")
 _VALUE: Final = re.compile(r"Q[LRS]?\d+\s*=")
+_STILL: Final = re.compile(r"FN\s*(?:[0-8]|13|15|16|18)\s*:")
+"""Functions that compute, read or print, and move nothing."""
+_NAMED: Final = {"18": "value that only the machine knows", "15": "output", "16": "output"}
 _SENSE: Final = re.compile(r"DR\s*([-+])")
 _CYCLE: Final = re.compile(r"CYCL\s+DEF\s+(\d+)(?:\.(\d+))?(.*)")
 _LAST_NUMBER: Final = re.compile(rf"({NUMBER})\s*$")
@@ -116,7 +120,8 @@ class _KlartextFollower:
     def line(self, source: str) -> None:
         """Follow one line."""
         if re.match(r"(?:CALL\s+(?:LBL|PGM)|FN\s*\d+\s*:\s*IF|SEL\s|%)", source):
-            self.tnc.lose("call or jump", source)
+            missing = re.match(r"CALL\s+PGM|SEL\s|%", source)
+            self.tnc.lose("missing program" if missing else "call or jump", source)
             return
         self.tnc.line(source, lambda: self._translated(source))
 
@@ -146,6 +151,11 @@ class _KlartextFollower:
         if found := re.match(r"(?:FN\s*\d+\s*:\s*)?(Q[LRS]?\d+)\s*=", source):
             self.tnc.parameters.pop(found[1], None)
         if self._values:
+            return True
+        if _STILL.match(source) or (_VALUE.match(source) and not self._remark):
+            number = re.match(r"FN\s*(\d+)", source)
+            what = _NAMED.get(number[1] if number else "", "Q parameter")
+            self.tnc.remarks[len(self.tnc.texts)] = Remark(what=f"{what}: {source}")
             return True
         if _VALUE.match(source):
             # parameters of a cycle stand on lines of their own; the cycle has its note already

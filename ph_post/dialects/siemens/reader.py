@@ -194,9 +194,19 @@ class _Line:
         if not self.home:
             self._shape()
         if self.unknown is not None:
-            return self.passed(self.unknown.column, self.unknown.text.strip())
+            return self.passed(self.unknown.column, self._name_of(self.unknown))
         self.modes.at |= self.ends
         return " ".join(part for part in self.parts if part)
+
+    def _name_of(self, word: Word) -> str:
+        """Name what is not understood: a lone name that is no word of the language calls a subprogram."""
+        text = word.text.strip()
+        if word.name == "L" and word.kind == "number":
+            return f"missing subprogram: {text}"
+        alone = word is self.words[0] and all(one.name == "P" for one in self.words[1:])
+        if alone and self.lost == NOT_UNDERSTOOD and word.kind in ("keyword", "call") and not word.name.startswith("$"):
+            return f"unknown word or subprogram: {text}"
+        return text
 
     def passed(self, column: int, what: str) -> str:
         """Pass the line through; the modes and the feed that it sets are taken in all the same."""
