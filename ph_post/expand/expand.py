@@ -39,7 +39,7 @@ _TURNED: Final = re.compile(rb"[UW][ \t]*[-+.\d]|G[ \t]*9[024](?!\d)", re.IGNORE
 """What a lathe's program has besides."""
 
 _STRUCTURED: Final = re.compile(
-    rb"\bR\d+\s*=|=\s*\S*\bR\d+\b|\b(?:REPEATB?|GOTO[FBC]?|FOR|WHILE|LOOP|IF)\b|\b(?:RND|CHF|CHR)[ \t]*=",
+    rb"\bR\d+\s*=|=\s*\S*\bR\d+\b|\b(?:REPEATB?|GOTO[FBC]?|FOR|WHILE|LOOP|IF|DEF)\b|\b(?:RND|CHF|CHR)[ \t]*=",
     re.IGNORECASE,
 )
 """What a program of Siemens that computes has somewhere."""

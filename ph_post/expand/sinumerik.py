@@ -1,4 +1,4 @@
-"""Run a SINUMERIK program, and write out what it does: R parameters, repeats, loops, choices and jumps.
+"""Run a SINUMERIK program, and write out what it does: parameters, variables, repeats, loops, choices and jumps.
 
 SINUMERIK 840D sl / 828D, Programming Manual, Job Planning, 07/2010, 6FC5398-2BP40-2BA0: arithmetic parameters,
 operations and their order, check structures, program jumps, program part repetition.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import ClassVar, Final
 
@@ -29,10 +29,10 @@ _REPEAT: Final = re.compile(
     r"REPEAT(B?)\s+([A-Z_]\w*)(?:\s+([A-Z_]\w*)(?!\w|\s*=))?(?:\s*P\s*=?\s*(.+))?$", re.IGNORECASE
 )
 _BLOCK: Final = re.compile(r"(IF|ELSE|ENDIF|WHILE|ENDWHILE|FOR|ENDFOR|LOOP|ENDLOOP|REPEAT|UNTIL)\b(.*)$", re.IGNORECASE)
-_FOR: Final = re.compile(r"\s*R(\d+)\s*=(.*)\bTO\b(.*)$", re.IGNORECASE)
-_SETTING: Final = re.compile(r"R(\d+)\s*=\s*(.*?)\s*(?=R\d+\s*=|$)", re.IGNORECASE)
-_SETTINGS: Final = re.compile(r"(?:R\d+\s*=[^=]*)+$", re.IGNORECASE)
-_ODD_SETTING: Final = re.compile(r"\bR(\d+)\s*=", re.IGNORECASE)
+_DEFINES: Final = re.compile(r"DEF\s+(?:CHAN\s+)?(REAL|INT)\s+(.*)$", re.IGNORECASE)
+_DEFINED: Final = re.compile(r"([A-Z_]\w+)\s*(?:=(.*))?$", re.IGNORECASE)
+_FIRST_NAME: Final = 1_000_000
+"""Key of the first variable that the program defines, above all R parameters."""
 _ANY_SETTING: Final = re.compile(r"\bR\s*\[.*?\]\s*=(?!=)", re.IGNORECASE)
 _ODD_FLOW: Final = re.compile(r"\b(?:GOTO\w*|CASE|SETINT)\b|\bREPEATB?\b", re.IGNORECASE)
 _END: Final = re.compile(r"\bM0*(?:2|17|30)\b(?!\s*=)|^RET\b", re.IGNORECASE)
@@ -56,18 +56,66 @@ _SIGN_BEHIND: Final = re.compile(r"(?:[-+*/<>=(]|\b(?:MOD|DIV|AND|OR|XOR|NOT))$"
 _WAYS: Final = re.compile(r"(AC|IC|DC|ACP|ACN)\s*\((.*)\)$", re.IGNORECASE)
 _ENDS: Final = {"ENDIF": "IF", "ENDWHILE": "WHILE", "ENDFOR": "FOR", "ENDLOOP": "LOOP", "UNTIL": "REPEAT"}
 _COMPARED: Final = {"==": "eq", "<>": "ne", ">=": "ge", "<=": "le", ">": "gt", "<": "lt", "(": "[", ")": "]"}
-_TOKEN: Final = re.compile(r"==|<>|>=|<=|>|<|\(|\)|\bR(\d+)\b|\s+", re.IGNORECASE)
 
 
 class SinumerikStore(NumberStore):
-    """R parameters; what the program did not set is NaN."""
+    """R parameters and variables; what the program did not set is NaN. `names` are those of variables by their key."""
+
+    def __init__(self, names: Mapping[int, str]) -> None:
+        super().__init__()
+        self._names = names
 
     def number(self, index: float) -> float:
-        """Return an R parameter."""
+        """Return an R parameter or a variable."""
         found = self.numbers.get(round(index), UNKNOWN) if not math.isnan(index) else UNKNOWN
         if math.isnan(found):
-            self.doubt = f"R{index:g}"
+            self.doubt = self._names.get(round(index), f"R{index:g}") if not math.isnan(index) else "R"
         return found
+
+
+def definitions(text: str) -> list[tuple[str, str, str | None]]:
+    """Return the variables of one number that a line defines: name, REAL or INT, and the text of its value.
+
+    Examples
+    --------
+    >>> definitions("DEF REAL HEIGHT=5.5, Depth, A[3]"), definitions("X5")
+    ([('HEIGHT', 'REAL', '5.5'), ('DEPTH', 'REAL', None)], [])
+    """
+    found = _DEFINES.match(text)
+    if found is None:
+        return []
+    parts = [_DEFINED.match(part.strip()) for part in re.split(r",(?![^(\[]*[)\]])", found[2])]
+    return [(one[1].upper(), found[1].upper(), one[2] and one[2].strip()) for one in parts if one is not None]
+
+
+class ParameterPatterns:
+    """Finds R parameters and the variables that a program defines, and tells their keys.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the variables, in capitals.
+    """
+
+    def __init__(self, names: Sequence[str] = ()) -> None:
+        self.keys = {name: _FIRST_NAME + number for number, name in enumerate(dict.fromkeys(names))}
+        self.names = {key: name for name, key in self.keys.items()}
+        one = "|".join([r"R\d+", *map(re.escape, sorted(self.keys, key=len, reverse=True))])
+
+        def compiled(text: str) -> re.Pattern[str]:
+            return re.compile(text, re.IGNORECASE)
+
+        self.counted = compiled(rf"\s*({one})\s*=(.*)\bTO\b(.*)$")
+        self.setting = compiled(rf"({one})\s*=\s*(.*?)\s*(?=(?<!\w)(?:{one})\s*=|$)")
+        self.settings = compiled(rf"(?:(?:{one})\s*=[^=]*)+$")
+        self.set_anywhere = compiled(rf"\b({one})\s*=")
+        self.used = compiled(rf"(?<!\w)(?:{one})(?!\w)")
+        self.token = compiled(rf"==|<>|>=|<=|>|<|\(|\)|(?<![\w$.])({one})(?!\w)|\s+")
+
+    def key(self, name: str) -> int:
+        """Return the key of a parameter or a variable."""
+        upper = name.upper()
+        return self.keys[upper] if upper in self.keys else int(upper[1:])
 
 
 def _divided(left: float, right: float) -> float:
@@ -109,14 +157,14 @@ class SinumerikLine(msgspec.Struct, frozen=True, kw_only=True):
     match: re.Match[str] | None = None
 
 
-def read_sinumerik_line(text: str) -> SinumerikLine:
+def read_sinumerik_line(text: str, patterns: ParameterPatterns) -> SinumerikLine:
     """Read a line."""
     bare = _HIDDEN.sub(lambda found: " " * len(found[0]), text).rstrip()
     lead = _LEAD.match(bare)
     assert lead is not None
     rest = bare[lead.end() :]
     order, match = "", None
-    for name, pattern in (("jump", _JUMP), ("repeat", _REPEAT), ("block", _BLOCK), ("set", _SETTINGS)):
+    for name, pattern in (("jump", _JUMP), ("repeat", _REPEAT), ("block", _BLOCK), ("set", patterns.settings)):
         match = pattern.match(rest)
         if match is not None:
             order = match[1].upper() if name == "block" else name
@@ -133,6 +181,12 @@ def read_sinumerik_line(text: str) -> SinumerikLine:
         order=order,
         match=match,
     )
+
+
+def _lead_of(text: str) -> int:
+    """Return the place behind slash, number and label of a line."""
+    lead = _LEAD.match(text)
+    return lead.end() if lead else 0
 
 
 def _end_of_value(text: str, at: int) -> int:
@@ -170,12 +224,16 @@ class SinumerikRunner:
     begun: ClassVar[None] = None
 
     def __init__(self, source: Source) -> None:
-        self.store = SinumerikStore()
+        bare = [_HIDDEN.sub("", text) for text in source.texts]
+        defined = [one for text in bare for one in definitions(text[_lead_of(text) :].strip())]
+        self._patterns = ParameterPatterns([name for name, _, _ in defined])
+        self._whole = {self._patterns.key(name) for name, kind, _ in defined if kind == "INT"}
+        self.store = SinumerikStore(self._patterns.names)
         self.lines: list[str] = []
         self.changed = False
         self._source = source
         self._at = 0
-        self._read = [read_sinumerik_line(text) for text in source.texts]
+        self._read = [read_sinumerik_line(text, self._patterns) for text in source.texts]
         names = [k for k, line in enumerate(self._read) if line.rest.startswith("%")]
         self._last = names[1] if len(names) > 1 else len(self._read)
         self._parts: list[RepeatedPart] = []
@@ -236,6 +294,9 @@ class SinumerikRunner:
         elif line.order:
             self.changed = True
             self._obey(index, line)
+        elif _DEFINES.match(line.rest):
+            self._define(line)
+            self._write(index)
         else:
             ends = _END.search(line.rest) is not None
             self._forget_set(line.rest)
@@ -253,8 +314,8 @@ class SinumerikRunner:
         """Know no longer what a line sets that is not read here: words beside it may have either value."""
         if _ANY_SETTING.search(rest):
             self.store.numbers.clear()
-        for found in _ODD_SETTING.finditer(rest):
-            self.store.numbers.pop(int(found[1]), None)
+        for found in self._patterns.set_anywhere.finditer(rest):
+            self.store.numbers.pop(self._patterns.key(found[1]), None)
 
     def _forget_called(self, rest: str) -> None:
         """Know no longer what another program may have set: one that a line calls, or every motion (MCALL)."""
@@ -268,7 +329,10 @@ class SinumerikRunner:
 
     def _value(self, text: str) -> float:
         """Return the value of an expression, NaN where it has what is not known here."""
-        texts = _TOKEN.sub(lambda found: f"#{found[1]}" if found[1] else _COMPARED.get(found[0], ""), text).lower()
+        key = self._patterns.key
+        texts = self._patterns.token.sub(
+            lambda found: f"#{key(found[1])}" if found[1] else _COMPARED.get(found[0], ""), text
+        ).lower()
         parser = SinumerikParser(f"[{texts}]")
         try:
             value = parser.expression()
@@ -279,7 +343,7 @@ class SinumerikRunner:
 
     def _set(self, line: SinumerikLine) -> None:
         """Set R parameters; a value that needs another one of its line is not known, as is which comes first."""
-        settings = [(int(one[1]), one[2]) for one in _SETTING.finditer(line.rest)]
+        settings = [(self._patterns.key(one[1]), one[2]) for one in self._patterns.setting.finditer(line.rest)]
         known, keys, values = self.store.numbers, [key for key, _ in settings], []
         for key, text in settings:
             others = [*keys]
@@ -288,7 +352,18 @@ class SinumerikRunner:
             values.append(self._value(text))
         self.store.numbers = known
         for key, value in zip(keys, values, strict=True):
-            self.store.put(key, value)
+            self._put(key, value)
+
+    def _put(self, key: int, value: float) -> None:
+        """Give a parameter a value; an INT takes the nearest whole number, and below 0 nobody says which."""
+        if key in self._whole and not math.isnan(value) and value != math.trunc(value):
+            value = math.floor(value + 0.5) if value > 0.0 else UNKNOWN
+        self.store.put(key, value)
+
+    def _define(self, line: SinumerikLine) -> None:
+        """Give variables that are defined their values, or 0."""
+        for name, _, text in definitions(line.rest.strip()):
+            self._put(self._patterns.key(name), 0.0 if text is None else self._value(text))
 
     def _write(self, index: int) -> None:
         """Write a line with the values of its words; one that runs again without its number and label."""
@@ -307,8 +382,8 @@ class SinumerikRunner:
     def _with_values(self, line: SinumerikLine) -> str:
         text, rest = line.text[line.begin :], line.rest
         if line.order == "set":
-            return text if "R" not in rest.upper().replace("R", "", 1) else self._with_settings(line)
-        if "R" not in rest.upper() or "=" not in rest or SYNCHRONIZED.match(rest):
+            return self._with_settings(line)
+        if self._patterns.used.search(rest) is None or "=" not in rest or SYNCHRONIZED.match(rest):
             return text
         parts, at = [], 0
         for found in _WORD.finditer(rest):
@@ -323,15 +398,18 @@ class SinumerikRunner:
 
     def _with_settings(self, line: SinumerikLine) -> str:
         found = []
-        for one in _SETTING.finditer(line.rest):
-            value = self.store.numbers.get(int(one[1]), UNKNOWN)
-            found.append(one[0].strip() if math.isnan(value) else f"R{one[1]}={number_text(value, DECIMALS)}")
+        settings = list(self._patterns.setting.finditer(line.rest))
+        if not any(self._patterns.used.search(one[2]) for one in settings):
+            return line.text[line.begin :]
+        for one in settings:
+            value = self.store.numbers.get(self._patterns.key(one[1]), UNKNOWN)
+            found.append(one[0].strip() if math.isnan(value) else f"{one[1]}={number_text(value, DECIMALS)}")
         return " ".join(found) + line.text[line.begin + len(line.rest) :]
 
     def _word_text(self, chunk: str) -> str | None:
         way = _WAYS.match(chunk)
         inner = way[2] if way else chunk
-        if not re.search(r"\bR\d+\b", inner, re.IGNORECASE):
+        if self._patterns.used.search(inner) is None:
             return None
         value = self._value(inner)
         if math.isnan(value):
@@ -364,9 +442,9 @@ class SinumerikRunner:
             self._at = pair
         elif line.order == "ENDFOR":
             begins = self._read[pair].match
-            found = None if begins is None else _FOR.match(begins[2])
+            found = None if begins is None else self._patterns.counted.match(begins[2])
             assert found is not None
-            self._count(int(found[1]), self.store.number(int(found[1])) + 1.0, found[3], pair)
+            self._count(found[1], self.store.number(self._patterns.key(found[1])) + 1.0, found[3], pair)
         elif line.order == "UNTIL" and self._again(index, holds=not self.store.holds(self._value(match[2]))):
             self._at = pair + 1
 
@@ -379,15 +457,15 @@ class SinumerikRunner:
         return True
 
     def _for(self, index: int, match: re.Match[str]) -> None:
-        found = _FOR.match(match[2])
+        found = self._patterns.counted.match(match[2])
         if found is None:
-            raise NotExpandableError("FOR that does not count an R parameter")
-        self._count(int(found[1]), self._value(found[2]), found[3], index)
+            raise NotExpandableError("FOR that counts neither an R parameter nor a variable of the program")
+        self._count(found[1], self._value(found[2]), found[3], index)
 
-    def _count(self, key: int, value: float, end: str, begin: int) -> None:
-        self.store.put(key, value)
+    def _count(self, name: str, value: float, end: str, begin: int) -> None:
+        self._put(self._patterns.key(name), value)
         last = self.store.require(self._value(end), "the end of FOR")
-        self.lines.append(f"R{key}={number_text(self.store.require(value, 'FOR'), DECIMALS)}")
+        self.lines.append(f"{name}={number_text(self.store.require(value, 'FOR'), DECIMALS)}")
         self._at = begin + 1 if value <= last else self._pairs[begin] + 1
 
     def _jump(self, index: int, match: re.Match[str]) -> None:

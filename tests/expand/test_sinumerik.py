@@ -188,7 +188,7 @@ def test_random_programs_run_as_python_runs_them(seed):
         ("AA: X1\nREPEAT AA P=R5\n", 2, "P depends"),
         ("IF 1>0\nX1\n", 1, "IF without its end"),
         ("R1=1\nENDFOR\n", 2, "ENDFOR without its beginning"),
-        ("FOR I=1 TO 3\nX1\nENDFOR\n", 1, "does not count an R parameter"),
+        ("FOR I=1 TO 3\nX1\nENDFOR\n", 1, "counts neither an R parameter nor a variable"),
         ("CASE R1 OF 1 GOTOF AA\nAA: X1\n", 1, "not followed: CASE R1 OF 1 GOTOF AA"),
         ("/GOTOF AA\nAA: X1\n", 1, "slash"),
         ("R1=1/0\nX=R1\n", 1, "division by zero"),
@@ -201,3 +201,23 @@ def test_what_cannot_be_written_out_is_named_with_its_line(text, line, what):
     assert what in str(found.value.what)
     assert found.value.file == "a.mpf"
     assert found.value.line == line
+
+
+def test_variables_that_the_program_defines_have_values_as_r_parameters_do() -> None:
+    """840D sl, Programming Manual, Job Planning, 1.1: DEF, of 0 where no value is given; INT is rounded."""
+    text = (
+        "N10 DEF REAL HEIGHT=5.5, DEPTH=-2*1.5 ; two\nDEF INT COUNT, TURN_NR=2\nG0 Z=HEIGHT+R1\nG1 Z=DEPTH F=9*COUNT\n"
+        "FOR COUNT=1 TO 2\nIF COUNT==2\nX=IC(20*COUNT)\nELSE\nX=HEIGHT\nENDIF\nENDFOR\nHEIGHT=HEIGHT+10 R5=COUNT\n"
+        "WHILE TURN_NR>0\nX=TURN_NR*10\nTURN_NR=TURN_NR-1\nENDWHILE\nCOUNT=7/2\nX=COUNT\nCOUNT=-7/2\nX=COUNT\n"
+        "L77\nZ=HEIGHT\nM30\n"
+    )
+    assert lines_of(text) == [
+        *("N10 DEF REAL HEIGHT=5.5, DEPTH=-2*1.5 ; two", "DEF INT COUNT, TURN_NR=2", "G0 Z=HEIGHT+R1", "G1 Z=-3 F=0"),
+        *("COUNT=1", "X=5.5", "COUNT=2", "X=IC(40)", "COUNT=3", "HEIGHT=15.5 R5=3", "X=20", "TURN_NR=1", "X=10"),
+        *("TURN_NR=0", "COUNT=7/2", "X=4", "COUNT=-7/2", "X=COUNT", "L77", "Z=HEIGHT", "M30"),
+    ]
+
+
+@pytest.mark.parametrize("line", ["DEF REAL A[3]=5", "DEF STRING[9] NAME", "DEF BOOL A=TRUE", "DEF AXIS A"])
+def test_other_variables_are_not_followed(line: str) -> None:
+    assert "X=A" in lines_of(f"{line}\nDEF REAL B=1\nX=A\nX=B\nM30\n")

@@ -1,4 +1,4 @@
-"""R parameters as far as their values follow from the lines before: sums and products of numbers and parameters."""
+"""R parameters and variables as far as their values follow from the lines before: sums and products of numbers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from decimal import ROUND_HALF_EVEN, Decimal, DecimalException
 from typing import Final
 
-_TOKEN: Final = re.compile(r"\s*(?:(R\d+)|(\d+\.?\d*|\.\d+)|([-+*/()]))", re.IGNORECASE)
+_TOKEN: Final = re.compile(r"\s*(?:([A-Z_]\w+)|(\d+\.?\d*|\.\d+)|([-+*/()]))", re.IGNORECASE)
 _STEP: Final = Decimal("1e-9")
 """Quotients are rounded to this."""
 
@@ -69,4 +69,4 @@ def _factor(tokens: list[str], known: dict[str, Decimal]) -> tuple[Decimal, list
     if first == "(":
         value, rest = _sum(rest, known)
         return value, rest[{")": 1}[rest[0]] :]
-    return (known[first] if first[0] == "R" else Decimal(first)), rest
+    return (known[first] if first[0] == "_" or first[0].isalpha() else Decimal(first)), rest

@@ -30,7 +30,7 @@ from ph_post.dialects.siemens.words import (
     read_words,
     without_comment,
 )
-from ph_post.expand.sinumerik import SYNCHRONIZED
+from ph_post.expand.sinumerik import SYNCHRONIZED, definitions
 from ph_post.gcode.program import AXES, CENTERS, PartProgram, PlaceArray
 from ph_post.gcode.read import shortened
 from ph_post.gcode.words import lines_of
@@ -74,6 +74,11 @@ class SiemensModes:
         self.frames: set[str] = set()
         self.at: dict[str, Decimal] = {}
         self.parameters: dict[str, Decimal] = {}
+        self.names: set[str] = set()
+
+    def is_parameter(self, name: str) -> bool:
+        """Return whether a name is that of an R parameter, or of a variable that the program defines."""
+        return name in self.names or _PARAMETER.fullmatch(name) is not None
 
 
 class Translator:
@@ -104,6 +109,10 @@ class Translator:
             # It belongs to the next block that moves, which has to stay the next one.
             self.modes.cut = True
             return self.passed(number, f"synchronized action: {bare.strip()}", 1, NOT_UNDERSTOOD)
+        defined = definitions(bare[leading.end() if leading else 0 :].strip())
+        if defined:
+            self._define(defined)
+            return ""
         line, skip = self._words_of(text)
         if line is None:
             return self.passed(number, without_comment(text).strip(), 1, NOT_UNDERSTOOD)
@@ -136,7 +145,7 @@ class Translator:
         if not self._computes or all(word.kind != "computed" for word in words):
             return words
         known = self.modes.parameters
-        fresh = {word.name for word in words if _PARAMETER.fullmatch(word.name)}
+        fresh = {word.name for word in words if self.modes.is_parameter(word.name)}
         found = []
         for word in words:
             other = {name: value for name, value in known.items() if name == word.name or name not in fresh}
@@ -159,6 +168,15 @@ class Translator:
         if first.name in tables.DECLARATIONS or any(g_word(word) in tables.LIMITS for word in words):
             return ""
         return "M2" if first.name == "RET" else _Line(self, number, words).text()
+
+    def _define(self, defined: Sequence[tuple[str, str, str | None]]) -> None:
+        """Take the variables that a line defines, with their values where these are known."""
+        for name, kind, value in defined:
+            self.modes.names.add(name)
+            number = Decimal(0) if value is None else evaluate(value, self.modes.parameters)
+            self.modes.parameters.pop(name, None)
+            if number is not None and self._computes and (kind == "REAL" or number == number.to_integral_value()):
+                self.modes.parameters[name] = number
 
     def passed(self, number: int, what: str, column: int, text: str) -> str:
         """Name what is not understood on a line, and return what stands for it."""
@@ -240,9 +258,9 @@ class _Line:
     def _assigned(self, word: Word) -> None:
         """Take values of parameters, tools, spindles and tolerances, which move nothing; refuse others."""
         plain = word.kind == "number" and not word.function
-        if plain and re.fullmatch(r"R\d+", word.name):
+        if plain and (word.name in self.modes.names or re.fullmatch(r"R\d+", word.name)):
             self.modes.parameters[word.name] = Decimal(word.values[0])
-        elif _PARAMETER.fullmatch(word.name):
+        elif self.modes.is_parameter(word.name):
             if word.name in self.modes.parameters:
                 del self.modes.parameters[word.name]
             elif "[" in word.name:
