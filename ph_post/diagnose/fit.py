@@ -13,7 +13,6 @@ from typing import Final
 import msgspec
 import numpy as np
 from msgspec.structs import replace
-from scipy.optimize import least_squares
 
 from ph_post.diagnose.hypotheses.base import Hypothesis, HypothesisNumber, Numbers
 from ph_post.drive.plant import Plant, base_value, with_base_value
@@ -47,6 +46,9 @@ CLOSE: Final = 1e-5
 
 FIRST: Final = 1e-4
 """The same of a fit that is only looked at."""
+
+DAMPING: Final = 1e-3
+"""Damping of the first step of a fit, in squares of what each unknown does."""
 
 
 LEAST: Final = {"dead_time": 2e-5}
@@ -200,7 +202,7 @@ class _CachedRows:
 def _slopes(rows: _CachedRows, numbers: list[HypothesisNumber], known: Mapping[int, Array], unknowns: Array) -> Array:
     """Forward differences, away from the bounds; of some unknowns the columns may be known."""
     here = rows(unknowns)
-    columns = np.empty((here.size, unknowns.size))
+    columns = np.empty((here.size, unknowns.size), order="F")
     for k, number in enumerate(numbers):
         if k in known:
             columns[:, k] = known[k]
@@ -223,26 +225,64 @@ def _descend(
     steps: int,
     close: float,
 ) -> tuple[Array, Array]:
-    """Go down from a start by Gauss-Newton steps in a trust region: unknowns and slopes where that ends."""
+    """Go down from a start by damped Gauss-Newton steps: unknowns and slopes where that ends.
+
+    The rows are many and the unknowns few: each set of slopes is brought to a triangle once, of which every step is
+    worked out. An unknown at its bound that would leave stays there.
+    """
     low, high = np.array([one.low for one in numbers]), np.array([one.high for one in numbers])
     scale = np.array([one.scale for one in numbers])
-    found = least_squares(
-        rows,
-        np.clip(start, low + 1e-9 * scale, high - 1e-9 * scale),
-        bounds=(low, high),
-        jac=partial(_slopes, rows, numbers, known),
-        x_scale=scale,
-        max_nfev=steps,
-        ftol=close,
-        xtol=close,
-    )
-    return found.x, np.asarray(found.jac)
+    at = np.clip(start, low, high)
+    here, slopes = rows(at), _slopes(rows, numbers, known, at)
+    square, damping, harder = float(here @ here), DAMPING, 2.0
+    q, triangle = _triangle(slopes * scale, here)
+    for _ in range(steps - 1):
+        down = -(triangle.T @ q)
+        free = ~(((at <= low) & (down < 0.0)) | ((at >= high) & (down > 0.0)))
+        step = _damped_step(triangle[:, free], q, damping)
+        there = at.copy()
+        there[free] = np.clip(at[free] + scale[free] * step, low[free], high[free])
+        moved = (there - at) / scale
+        after = q + triangle @ moved
+        promised = float(q @ q - after @ after)
+        new = rows(there)
+        gained = square - float(new @ new)
+        still = float(np.linalg.norm(moved)) < close * (close + float(np.linalg.norm(at / scale)))
+        if gained > 0.0:
+            ends = still or (gained < close * square and gained > 0.25 * promised)
+            at, here, square = there, new, square - gained
+            damping *= max(1.0 / 3.0, 1.0 - (2.0 * gained / max(promised, gained) - 1.0) ** 3)
+            harder = 2.0
+            slopes = _slopes(rows, numbers, known, at)
+            if ends:
+                break
+            q, triangle = _triangle(slopes * scale, here)
+        elif still or promised <= close * close * square:
+            break
+        else:
+            damping *= harder
+            harder *= 2.0
+    return at, slopes
+
+
+def _triangle(slopes: Array, here: Array) -> tuple[Array, Array]:
+    """Return residuals (k,) and slopes (k, k) with the products of these (n,) and (n, k), which steps depend on."""
+    both = np.column_stack([slopes, here])
+    found = np.asarray(np.linalg.qr(both, mode="r"))[: slopes.shape[1]]
+    return found[:, -1], found[:, :-1]
+
+
+def _damped_step(slopes: Array, here: Array, damping: float) -> Array:
+    """Return the least-squares step of so many unknowns, held back in proportion to what each does (Marquardt)."""
+    sizes = np.sqrt(damping) * np.maximum(np.linalg.norm(slopes, axis=0), 1e-12)
+    rows = np.vstack([slopes, np.diag(sizes)])
+    return np.asarray(np.linalg.lstsq(rows, -np.concatenate([here, np.zeros(sizes.size)]), rcond=None)[0])
 
 
 def fit_model(
     problem: AxisProblem, model: Model, use: BoolArray, rounds: int = 2, evaluations: int = 12
 ) -> FittedModel:
-    """Fit the unknowns of a model on the samples in use, by Gauss-Newton steps in a trust region.
+    """Fit the unknowns of a model on the samples in use, by damped Gauss-Newton steps.
 
     Parameters
     ----------
