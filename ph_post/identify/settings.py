@@ -35,6 +35,7 @@ _PID_PINS: Final = {"pgain": "P", "igain": "I", "dgain": "D", "maxoutput": "MAX_
 }
 _INCHES: Final = ("inch", "in", "imperial")
 _NS_IN_MS: Final = 1e6
+_INCLUDES: Final = "a file that includes others, which are not read"
 
 Ini = Mapping[tuple[str, str], str]
 
@@ -71,13 +72,12 @@ def controller_settings(text: SourceText) -> ControllerSettings:
         return _hal(text)
     ini = dict(_entries(text.text))
     if any(section in ("TRAJ", "EMCMOT") for section, _ in ini):
-        return _linuxcnc(ini, text.name)
-    included = "#INCLUDE" in text.text
+        return _linuxcnc(ini, text)
     raise InputError(
         text.name,
         "no settings of a controller",
         expected="a listing of Grbl's $$, or LinuxCNC's .ini or .hal file",
-        got="a file that includes others, which are not read" if included else "",
+        got=_INCLUDES if "#INCLUDE" in text.text else "",
     )
 
 
@@ -92,7 +92,7 @@ def _grbl(found: list[tuple[str, str]], name: str) -> ControllerSettings:
     )
 
 
-def _linuxcnc(ini: Ini, name: str) -> ControllerSettings:
+def _linuxcnc(ini: Ini, text: SourceText) -> ControllerSettings:
     unit = INCH / MM if ini.get(("TRAJ", "LINEAR_UNITS"), "mm").lower() in _INCHES else 1.0
     letters = ini.get(("TRAJ", "COORDINATES"), "XYZ").upper().replace(" ", "")
     places = {axis: (f"AXIS_{axis}", f"JOINT_{letters.index(axis)}") for axis in MACHINE_AXES if axis in letters}
@@ -101,18 +101,21 @@ def _linuxcnc(ini: Ini, name: str) -> ControllerSettings:
         """Return the smaller of what axis and joint allow, by axis."""
         found = {}
         for axis, sections in places.items():
-            numbers = [_number(ini[one, key], f"{name}: [{one}] {key}") for one in sections if (one, key) in ini]
+            numbers = [_number(ini[one, key], f"{text.name}: [{one}] {key}") for one in sections if (one, key) in ini]
             if numbers:
                 found[axis] = min(numbers) * unit
         return found
 
-    gains, notes = _pid_gains(_pids_of(ini, places, name), unit)
     there = {section for section, _ in ini}
-    notes += tuple(
-        f"no [{joint}], and no [{own}]: nothing of {axis} is taken from it"
-        for axis, (own, joint) in places.items()
-        if not there & {own, joint}
-    )
+    for axis, (own, joint) in places.items():
+        if not there & {own, joint}:
+            raise InputError(
+                text.name,
+                f"no [{joint}] and no [{own}], which {axis} needs",
+                expected=f"one of them, with MAX_VELOCITY and MAX_ACCELERATION, or [TRAJ] COORDINATES without {axis}",
+                got=_INCLUDES if "#INCLUDE" in text.text else "",
+            )
+    gains, notes = _pid_gains(_pids_of(ini, places, text.name), unit)
     period = ini.get(("EMCMOT", "SERVO_PERIOD"))
     mode = _STARTUP.search(ini.get(("RS274NGC", "RS274NGC_STARTUP_CODE"), ""))
     return ControllerSettings(
@@ -120,7 +123,7 @@ def _linuxcnc(ini: Ini, name: str) -> ControllerSettings:
         speed=taken("MAX_VELOCITY"),
         acceleration=taken("MAX_ACCELERATION"),
         lost_motion=taken("BACKLASH"),
-        servo_period=None if period is None else _number(period, f"{name}: [EMCMOT] SERVO_PERIOD") / _NS_IN_MS,
+        servo_period=None if period is None else _number(period, f"{text.name}: [EMCMOT] SERVO_PERIOD") / _NS_IN_MS,
         planner={} if mode is None else {"path_tolerance_mm": float(mode[1]) * unit},
         gains=gains,
         notes=notes,

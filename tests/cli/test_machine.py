@@ -274,13 +274,13 @@ def test_the_planner_is_that_of_the_settings_or_else_the_firmwares(capsys, tmp_p
 
 def test_the_axes_are_those_of_the_settings(capsys, tmp_path):
     # a lathe, and a gantry with two motors on Y, whose Z is its fourth joint
-    for coordinates, joint, axes in (("XZC", 1, {"X": 5.0, "Z": 4.0}), ("X Y Y Z", 3, {"X": 5.0, "Z": 4.0})):
+    for coordinates, axes in (("XZC", {"X": 5.0, "Z": 4.0}), ("X Y Y Z", {"X": 5.0, "Y": 4.0, "Z": 2.0})):
         file = tmp_path / "machine.ini"
-        file.write_text(
-            f"[TRAJ]\nCOORDINATES = {coordinates}\nLINEAR_UNITS = mm\n"
-            "[JOINT_0]\nMAX_VELOCITY = 5\nMAX_ACCELERATION = 50\n"
-            f"[JOINT_{joint}]\nMAX_VELOCITY = 4\nMAX_ACCELERATION = 40\n"
+        joints = "".join(
+            f"[JOINT_{joint}]\nMAX_VELOCITY = {5 - joint}\nMAX_ACCELERATION = {50 - joint}\n"
+            for joint in range(len(coordinates.replace(" ", "")))
         )
+        file.write_text(f"[TRAJ]\nCOORDINATES = {coordinates}\nLINEAR_UNITS = mm\n{joints}")
         _, out, _ = run(capsys, *NEW, "--yes", "--settings", str(file))
         made = tomllib.loads(out)["axes"]
         assert {axis: keys["max_velocity_mm_s"] for axis, keys in made.items()} == axes
@@ -300,7 +300,20 @@ def test_the_axes_are_those_of_the_settings(capsys, tmp_path):
             "[TRAJ]\nCOORDINATES = X\n[AXIS_X]\nMAX_VELOCITY = fast",
             "[AXIS_X] MAX_VELOCITY: no number; expected a number; got 'fast'",
         ),
-        ("[EMCMOT]\nSERVO_PERIOD = nan", "[EMCMOT] SERVO_PERIOD: no number; expected a number; got 'nan'"),
+        (
+            "[TRAJ]\nCOORDINATES = X\n[JOINT_0]\nP = 1\n[EMCMOT]\nSERVO_PERIOD = nan",
+            "[EMCMOT] SERVO_PERIOD: no number; expected a number; got 'nan'",
+        ),
+        (
+            "[TRAJ]\nCOORDINATES = XY\n[JOINT_0]\nMAX_VELOCITY = 5\nMAX_ACCELERATION = 50",
+            "no [JOINT_1] and no [AXIS_Y], which Y needs; expected one of them, with MAX_VELOCITY and "
+            "MAX_ACCELERATION, or [TRAJ] COORDINATES without Y",
+        ),
+        (
+            "#INCLUDE joints.inc\n[EMCMOT]\nSERVO_PERIOD = 1000000",
+            "no [JOINT_0] and no [AXIS_X], which X needs; expected one of them, with MAX_VELOCITY and "
+            "MAX_ACCELERATION, or [TRAJ] COORDINATES without X; got a file that includes others, which are not read",
+        ),
     ],
 )
 def test_bad_settings_name_the_place(capsys, tmp_path, text, line):

@@ -85,14 +85,11 @@ def test_pid_of_an_ini_file(tmp_path: Path) -> None:
     assert [note[0] for note in notes] == ["Y", "Z"]
 
 
-def test_what_an_ini_file_lacks_is_said(tmp_path: Path) -> None:
+def test_gains_that_hold_no_position_are_left_out_and_said(tmp_path: Path) -> None:
     ini = tmp_path / "mill.ini"
-    ini.write_text(INI.partition("[JOINT_1]")[0].replace("P = 50", "P = -50").replace("XYZ", "XY"))
+    ini.write_text(INI.partition("[JOINT_1]")[0].replace("P = 50", "P = -50").replace("XYZ", "X"))
     _, notes = written(ini)
-    assert notes == [
-        "X: P of its pid is -50, which holds no position: its gains are left out",
-        "no [JOINT_1], and no [AXIS_Y]: nothing of Y is taken from it",
-    ]
+    assert notes == ["X: P of its pid is -50, which holds no position: its gains are left out"]
 
 
 def test_little_is_fed_forward(tmp_path: Path) -> None:
