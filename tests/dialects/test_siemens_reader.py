@@ -346,7 +346,8 @@ def test_a_subprogram_that_leaves_g90_and_g91_to_its_caller_moves_nobody_knows_w
 
 def test_variables_that_the_program_defines_are_worked_out_in_place() -> None:
     program = _read(
-        "DEF REAL HGT=5.5, DPT=-2\nG71 G90\nG0 X1 Y1 Z=HGT+1\nG1 X=DPT F100\nHGT=3\nZ=HGT*2\nDPT=HGT+SIN(3)\nX=DPT\nM30\n"
+        "DEF REAL HGT=5.5, DPT=-2\nG71 G90\nG0 X1 Y1 Z=HGT+1\nG1 X=DPT F100\nHGT=3\nZ=HGT*2\n"
+        "DPT=HGT+SIN(3)\nX=DPT\nM30\n"
     )
     assert [note.what for note in program.notes] == ["parameter: DPT=HGT+SIN(3)", "X=DPT"]
     assert (1e3 * program.motions.end).round(9).tolist()[:3] == [[1, 1, 6.5], [-2, 1, 6.5], [-2, 1, 6]]
