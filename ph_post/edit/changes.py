@@ -32,15 +32,16 @@ _FEED_DIGITS = 4
 """Digits of the feeds of crossings and jogs, which are so within a thousandth; blocks of known time have more."""
 
 
-def _lowered(feed: float) -> float:
-    """Return a feed rounded down to the digits that matter.
+def _lowered(feed: float, decimals: int | None) -> float:
+    """Return a feed rounded down to the digits that matter, and to the decimals that a dialect writes.
 
     Examples
     --------
-    >>> _lowered(1209.345), _lowered(47.6189)
-    (1209.0, 47.61)
+    >>> _lowered(1209.345, None), _lowered(47.6189, None), _lowered(8.4182, 2)
+    (1209.0, 47.61, 8.41)
     """
-    scale = 10.0 ** (_FEED_DIGITS - 1 - math.floor(math.log10(feed)))
+    most = _FEED_DIGITS - 1 - math.floor(math.log10(feed))
+    scale = 10.0 ** (most if decimals is None else min(most, decimals))
     return math.floor(feed * scale + 1e-9) / scale
 
 
@@ -441,9 +442,9 @@ class ChangeWriter:
                 self._program.motions, words.motion, 0.0, 1.0
             )
             return self._inverse(MINUTE / max(own * length, length / feed))
-        found = _lowered(feed / words.modal.units * MINUTE)
+        found = self._below(feed / words.modal.units * MINUTE)
         if found == self._program.feed_word[words.block]:
-            found = _lowered(found * (1.0 - 10.0**-_FEED_DIGITS * 5.0))
+            found = self._below(found * (1.0 - 10.0**-_FEED_DIGITS * 5.0))
         return self._digits(found)
 
     def _path_mode(self, task: MotionEdit, part: MotionPart, modal: Modal) -> None:
@@ -491,7 +492,7 @@ class ChangeWriter:
             rate = 1.0 / max(abs(shift.travel) / shift.velocity for shift in shifts)
             if modal.feed_mode != 93:
                 rate *= math.hypot(*(shift.travel for shift in shifts)) / modal.units
-            feed = self._inverse(rate * MINUTE) if modal.feed_mode == 93 else self._digits(_lowered(rate * MINUTE))
+            feed = self._inverse(rate * MINUTE) if modal.feed_mode == 93 else self._digits(self._below(rate * MINUTE))
             new = [] if feed == self._feed and modal.feed_mode != 93 else [f"F{feed}"]
             self._feed, self._mode = feed, "G1"
             self._add("G1", *places, *new)
@@ -506,6 +507,9 @@ class ChangeWriter:
 
     def _digits(self, value: float) -> str:
         return self._dialect.numbers.feed(value)
+
+    def _below(self, feed: float) -> float:
+        return _lowered(feed, self._dialect.numbers.feed_decimals)
 
     def _inverse(self, value: float) -> str:
         """Digits of an F under G93, a time."""

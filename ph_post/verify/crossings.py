@@ -280,7 +280,10 @@ def _points_at(old: _Polylines, along: Array, row: Array, place: Array) -> Array
 
 
 def _ignored(case: VerifyCase, old: _Polylines) -> Array:
-    """Return the longest way (r,) [m] that an axis goes back and on again within its dead band: no table follows."""
+    """Return the longest way (r,) [m] that an axis goes back and on again within its dead band: no table follows.
+
+    The first way of a stretch, and the last, may be one back as well, as that of an arc beside its turning point.
+    """
     longest = np.zeros(old.first.size - 1)
     stretch = np.repeat(np.arange(longest.size), np.diff(old.first))
     for name, amount in case.declared.offsets.items():
@@ -292,7 +295,7 @@ def _ignored(case: VerifyCase, old: _Polylines) -> Array:
         begins = np.flatnonzero(np.append(True, (np.diff(own) != 0) | (np.diff(np.sign(step)) != 0)))
         way, own = np.abs(np.add.reduceat(step, begins)), own[begins]
         inside = (np.append(-1, own[:-1]) == own) & (np.append(own[1:], -1) == own)
-        small = np.flatnonzero(inside & (way <= max(case.band, amount.metres)))
+        small = np.flatnonzero(way <= np.where(inside, max(case.band, amount.metres), case.band))
         np.maximum.at(longest, own[small], way[small])
     return longest
 

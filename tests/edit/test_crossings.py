@@ -481,6 +481,19 @@ def test_a_crossing_that_begins_on_a_slower_motion_keeps_its_feed(dialect: str) 
     assert [one.sentence() for one in verdict.failures] == []
 
 
+@pytest.mark.parametrize("dialect", DIALECTS[:2])
+def test_an_arc_may_begin_just_before_a_turning_point(dialect: str) -> None:
+    """Y goes 4 µm down before it turns, within its dead band: no table follows, and the check knows."""
+    cut = "G0 X0.135 Y-2.232 Z5\nG1 Z0 F300\nG2 X-0.135 Y2.232 I-0.135 J2.232 F1000\nG2 X0.135 Y-2.232 I0.135 J-2.232\n"
+    text = BEGIN + FULL + cut + END
+    found = compensate(text.encode(), machine(dialect), dialect=dialect)
+    verdict = verify(found.program, reread(found.program, found.text), tolerance=0.005 * MM, machine=machine(dialect))
+    assert [one.sentence() for one in verdict.failures] == []
+    after, before = errors(text, found.text.decode(), XY), errors(text, text, XY)
+    assert rms(after) < rms(before) / 20.0
+    assert largest(after) <= within(found.text.decode()) + 0.005
+
+
 @pytest.mark.parametrize("case", programs(), ids="/".join)
 def test_new_feeds_and_places_have_the_digits_that_matter(made: Made, case: tuple[str, str]) -> None:
     text, found = made[case]

@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.editing import Compensated, compensate, with_edits
 from support.part_programs import distances, samples
 from support.reference_player import interpret
@@ -370,3 +371,20 @@ def test_a_program_in_two_units_carries_no_offset() -> None:
     offset = np.full((3, 3), 0.01 * MM)
     with pytest.raises(InputError, match="in both mm and inches"):
         with_edits(program, Edits(offset=offset), STEPPER, "linuxcnc")
+
+
+def test_feeds_of_few_decimals_are_rounded_down() -> None:
+    """A jog of 0.004 inches at 8.4182 inches a minute was written with F8.42, which the check refuses as too fast."""
+    text = "%\nO1\nG20 G90 G17 G94\n" + "".join(
+        f"G0 X{n % 2} Y{n % 3} Z0.2\nG1 Z-0.01 F3.\nX1.1458 F10.\nX1.1927 Y{n % 3 + 0.1}\nZ0.2\n" for n in range(4)
+    )
+    axes = {name: replace(axis, gap=axis.gap.with_lost_motion(5e-5)) for name, axis in STEPPER.axes.items()}
+    found = compensate((text + "M30\n%\n").encode(), replace(STEPPER, dialect="fanuc", axes=axes), dialect="fanuc")
+    feeds = [float(one) for one in re.findall(r"G1 [XY][-.\d]+ F([.\d]+)", found.text.decode())]
+    most = [
+        # Half of the way is run up, and half down.
+        math.sqrt(axes[name].limits.acceleration * way * 25.4e-3 / 2.0) / 25.4e-3 * 60.0
+        for name in "XY"
+        for way in (0.004, 0.002)
+    ]
+    assert {*feeds} - {3.0, 10.0} == {math.floor(100.0 * one) / 100.0 for one in most}
