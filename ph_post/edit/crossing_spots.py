@@ -142,13 +142,26 @@ class SpotSearch:
         """Let changes on contours with cutter compensation lie in the midst of a line along which the axis rests."""
         ground = self._ground
         rest, bound, at, spread = (one.copy() for one in (spots.rest, spots.bound, spots.at, spots.spread))
+        rows, feed = spots.rows.copy(), spots.feed.copy()
         for n in np.flatnonzero(ground.contours.number[motion] >= 0).tolist():
-            line = ground.contours.straight_rest(spots.rows[n], int(spots.column[n]), spots.rest[n], ground.along)
+            rapid = ground.behind_rapid(rows[n])
+            # The stretch of a rapid ends with it, and the axis rests beyond.
+            own = self._rest_of(rows[n]) if rapid else spots.rest[n]
+            line = ground.contours.straight_rest(rows[n], int(spots.column[n]), own, ground.along)
             if line is not None:
                 rest[n] = bound[n] = ground.along[line : line + 2]
                 at[n] = rest[n].mean()
                 spread[n] = min(SLANTED, QUARTER * np.ptp(rest[n]))
-        return _in_order(replace(spots, rest=rest, bound=bound, at=at, spread=spread))
+                if rapid:
+                    # Behind a rapid onto the contour there is no room for a move of its own.
+                    rows[n, [MOTION, SHARE]], feed[n] = (line, 0.5), ground.feed[line]
+        return _in_order(replace(spots, rows=rows, feed=feed, rest=rest, bound=bound, at=at, spread=spread))
+
+    def _rest_of(self, row: Array) -> Array:
+        """Places between which the axis of a change rests, shape (2,)."""
+        along = self._ground.along
+        ends = ((int(row[at]), row[share]) for at, share in ((FIRST, SHARE0), (LAST, SHARE1)))
+        return np.array([along[k] + share * (along[k + 1] - along[k]) for k, share in ends])
 
     def _wound_up(self, rows: Array, column: int) -> Array:
         """Let the first change of a chain happen behind the rapid that brings the axis to its first place.

@@ -6,12 +6,17 @@ as a whole so is the tool's path, and each axis moves in it in the directions of
 change where an axis rests along a straight line in the midst of the contour, whatever the radius: the line becomes
 one that is slanted by a part of it, within which the table waits. Elsewhere no block may be added. How the tool
 comes to the contour and leaves it depends on the radius: the directions of its first and last move hold up to one.
+
+On a lathe (G18) the path is that of the tip of a tool whose nose is round: beside the centre's, by a radius or none in
+each axis, as the control's table has it. Between two blocks that is the same, but with the first and the last one it
+moves an axis by up to a radius to either side. Behind the first, often a rapid, an axis is on its side again where the
+contour moves it further than that and its backlash.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 import msgspec
@@ -21,7 +26,7 @@ from ph_post.dialects.declaration import CORRECTED
 from ph_post.edit.edits import CrossingEdit, StopEdit
 from ph_post.edit.reversals import MOTION, SHARE, SIGN
 from ph_post.gcode.paths import line_words
-from ph_post.gcode.program import ARC, AXES, LINE, RAPID, Motions, PartProgram
+from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, Motions, PartProgram
 from ph_post.types import Array
 from ph_post.units import MM
 
@@ -34,10 +39,10 @@ LEAST_PART: Final = 0.5
 """A radius is to be possible up to this part of the length of the moves onto the contour and off it, and of what
 leaves anything of a line between two inner corners."""
 
-_LETTERS: Final = frozenset(map(ord, "NGXYZIJRFDH"))
+_LETTERS: Final = frozenset(map(ord, "NGXYZIJKRFDH"))
 """Letters of words that may stand in such a contour."""
 
-_CODES: Final = (0.0, 1.0, 2.0, 3.0, 17.0, 20.0, 21.0, 40.0, 41.0, 41.1, 42.0, 42.1, 70.0, 71.0, 90.0, 94.0)
+_CODES: Final = (0.0, 1.0, 2.0, 3.0, 17.0, 18.0, 20.0, 21.0, 40.0, 41.0, 41.1, 42.0, 42.1, 70.0, 71.0, 90.0, 94.0)
 """G words that may stand in it."""
 
 _NOTHING: Final = 1e-9
@@ -53,6 +58,8 @@ of SINUMERIK); others take the first move's own normal, or go by both."""
 LEFT: Final = "cutter compensation, left as it is"
 """What the warning of a contour that cannot be shifted says."""
 
+_TURNED: Final = PLANE_AXES[18][:2]
+
 _TURNS: Final = "an axis turns in it where it rests along no straight line"
 
 
@@ -61,19 +68,20 @@ def _side(word: str | None) -> int:
     return 0 if word is None else 1 if word.startswith("G41") else -1 if word.startswith("G42") else 0
 
 
-def tangent_of(motions: Motions, k: int, *, last: bool = False) -> Array:
-    """Return the direction of a line or an arc at its start, or at its end, in X and Y."""
+def tangent_of(motions: Motions, k: int, *, last: bool = False, columns: Sequence[int] = (0, 1)) -> Array:
+    """Return the direction of a line or an arc at its start, or at its end, in the axes of a plane."""
+    own = list(columns)
     if motions.kind[k] == ARC:
-        beside = (motions.end if last else motions.start)[k, :2] - motions.center[k]
+        beside = (motions.end if last else motions.start)[k, own] - motions.center[k]
         way = math.copysign(1.0, motions.angle[k]) * np.array([-beside[1], beside[0]])
     else:
-        way = motions.end[k, :2] - motions.start[k, :2]
+        way = motions.end[k, own] - motions.start[k, own]
     return np.asarray(way / max(float(np.linalg.norm(way)), _NOTHING))
 
 
-def path_turn(motions: Motions, before: int, behind: int) -> float:
+def path_turn(motions: Motions, before: int, behind: int, columns: Sequence[int] = (0, 1)) -> float:
     """Return the angle [rad] by which the path turns to the left between two motions."""
-    one, other = tangent_of(motions, before, last=True), tangent_of(motions, behind)
+    one, other = tangent_of(motions, before, last=True, columns=columns), tangent_of(motions, behind, columns=columns)
     return math.atan2(one[0] * other[1] - one[1] * other[0], float(one @ other))
 
 
@@ -86,13 +94,19 @@ def _sign_at(rows: Array, motion: int) -> int:
 class CutterContour(msgspec.Struct, frozen=True, kw_only=True):
     """A stretch of motions with cutter compensation: from `first`, onto the contour, to `last`; `side` +1 is left.
 
-    `why` it is left as it is, empty where it need not be.
+    `why` it is left as it is, empty where it need not be; `columns` are the axes of its plane.
     """
 
     first: int
     last: int
     side: int
     why: str
+    columns: tuple[int, int] = (0, 1)
+
+    @property
+    def turned(self) -> bool:
+        """Whether it is one of a lathe's tool."""
+        return self.columns == _TURNED
 
 
 class CutterContours:
@@ -112,7 +126,13 @@ class CutterContours:
         side = sides[program.state[motions.block]]
         ends = np.flatnonzero(np.diff(side, prepend=0, append=0) != 0)
         self.contours = tuple(
-            CutterContour(first=low, last=high - 1, side=int(side[low]), why=self._why(low, high - 1))
+            CutterContour(
+                first=low,
+                last=high - 1,
+                side=int(side[low]),
+                why=self._why(low, high - 1),
+                columns=_TURNED if motions.plane[low] == 18 else (0, 1),
+            )
             for low, high in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)
             if side[low] != 0
         )
@@ -132,17 +152,20 @@ class CutterContours:
         around = slice(first - 1, last + 2)
         if np.ptp(motions.chain[around]):
             return "not all of it is understood"
+        planes = {program.modal_after(int(block)).plane for block in motions.block[around]}
+        onto = (LINE, RAPID) if planes == {18} else (LINE,)
         own = motions.kind[first : last + 1]
-        if motions.kind[first] != LINE or not np.isin(own, (LINE, ARC)).all():
+        if motions.kind[first] not in onto or not np.isin(own[1:], (LINE, ARC)).all():
             return "it has moves that are neither lines nor arcs"
         if motions.exact[first : last + 2].any():
             return "the path is exact there (G61, G9)"
         ended = _side(program.modal_after(int(motions.block[last + 1])).compensation) == 0
         if motions.kind[last + 1] not in (LINE, RAPID) or not ended:
             return "how it ends is not understood"
-        if {program.modal_after(int(block)).plane for block in motions.block[around]} != {17}:
-            return "it is not in G17"
-        places = np.stack([motions.start[first : last + 2, :2], motions.end[first : last + 2, :2]])
+        if planes not in ({17}, {18}):
+            return "it is neither in G17 nor in G18"
+        own_axes = list(_TURNED if planes == {18} else (0, 1))
+        places = np.stack([motions.start[first : last + 2, own_axes], motions.end[first : last + 2, own_axes]])
         if np.isnan(places).any() or (places[0] == places[1]).all(axis=1)[[0, -1]].any():
             return "where it begins and ends is not known"
         rows = program.words.rows(self._line_of(first), int(motions.block[last + 1]) + 1)
@@ -154,12 +177,12 @@ class CutterContours:
         """Return the longest line in the midst of a contour along which an axis rests, None where there is none."""
         own = self.number[int(row[MOTION])]
         found = self.contours[own]
-        if own < 0 or column > 1 or (int(row[MOTION]) == found.first and row[SHARE] < 1.0):
+        if own < 0 or column not in found.columns or (int(row[MOTION]) == found.first and row[SHARE] < 1.0):
             return None
-        motions, best, longest = self._program.motions, None, 0.0
+        motions, best, longest, other = self._program.motions, None, 0.0, sum(found.columns) - column
         for k in range(found.first + 1, found.last + 1):
             way = np.abs(motions.end[k] - motions.start[k])
-            still = way[column] <= _NOTHING and way[1 - column] > _NOTHING and motions.kind[k] == LINE
+            still = way[column] <= _NOTHING and way[other] > _NOTHING and motions.kind[k] == LINE
             within = along[k] >= rest[0] - _NOTHING and along[k + 1] <= rest[1] + _NOTHING
             if still and within and along[k + 1] - along[k] > longest:
                 best, longest = k, float(along[k + 1] - along[k])
@@ -205,7 +228,8 @@ class CutterContours:
         for n, one in enumerate(self.contours):
             if n in why:
                 continue
-            bounds = [*self._ways(one, changes), *self._rooms(one, crossings, sides)]
+            ways = self._turned_ways(one, changes, sides) if one.turned else self._ways(one, changes)
+            bounds = [*ways, *self._rooms(one, crossings, sides)]
             radius = min((bound for bound, _ in bounds), default=math.inf)
             if any(bound < LEAST_PART * natural for bound, natural in bounds):
                 why[n] = f"its directions would hold for cutters of a radius up to {max(radius, 0.0) / MM:.3g} mm alone"
@@ -245,6 +269,42 @@ class CutterContours:
                     found.append((float(way[column]) * sign / -across, float(np.linalg.norm(way))))
         return found
 
+    def _turned_ways(
+        self, one: CutterContour, changes: Mapping[str, Array], sides: Mapping[str, tuple[float, float]]
+    ) -> list[tuple[float, float]]:
+        """Return the same for the tool of a lathe, whose tip may be off its centre by a radius in each axis."""
+        motions, found = self._program.motions, []
+        for column in one.columns:
+            name = AXES[column]
+            for motion in (one.first, one.last + 1):
+                sign = _sign_at(changes[name], motion) if name in changes else 0
+                way = float(motions.end[motion, column] - motions.start[motion, column])
+                # An axis that has no side yet is taken to one by the move onto the contour.
+                sign = int(np.sign(way)) if sign == 0 and motion == one.first else sign
+                way *= sign
+                if sign == 0 or (motion > one.last and self._goes_on(motion, column)):
+                    continue
+                # Either the move itself has the direction that is said, or what follows it in that direction is long.
+                run = self._run(one, column, sign) if motion == one.first else 0.0
+                gap = float(np.ptp(sides[name]))
+                found.append((max(0.5 * way, 0.5 * (run - gap)), 0.9 * max(way, run, _NOTHING)))
+        return found
+
+    def _run(self, one: CutterContour, column: int, sign: int) -> float:
+        """How far a contour moves an axis in a direction [m] before it moves it in the other."""
+        ways = sign * (self._program.motions.end - self._program.motions.start)[one.first + 1 : one.last + 1, column]
+        back = np.flatnonzero(ways < -_NOTHING)
+        return float(ways[: back[0] if back.size else None].sum())
+
+    def _goes_on(self, motion: int, column: int) -> bool:
+        """Return whether nothing is cut behind the move off a contour before its axis has moved again in a rapid."""
+        motions = self._program.motions
+        behind = np.arange(motion, motions.kind.size)
+        behind = behind[motions.chain[behind] == motions.chain[motion]]
+        cuts, moves = motions.kind[behind] != RAPID, motions.start[behind, column] != motions.end[behind, column]
+        first = int(np.argmax(cuts)) if cuts.any() else behind.size
+        return not cuts.any() or bool(moves[1:first].any())
+
     def _rooms(
         self, one: CutterContour, crossings: Collection[CrossingEdit], sides: Mapping[str, tuple[float, float]]
     ) -> list[tuple[float, float]]:
@@ -254,10 +314,11 @@ class CutterContours:
             k = crossing.parts[0].motion
             if not one.first < k <= one.last:
                 continue
-            length = float(np.linalg.norm(motions.end[k, :2] - motions.start[k, :2]))
+            own = list(one.columns)
+            length = float(np.linalg.norm(motions.end[k, own] - motions.start[k, own]))
             slant = math.tan(0.5 * float(np.ptp(sides[crossing.axis])) / crossing.length)
             corners = [(before, before + 1) for before in (k - 1, k) if one.first < before + 1 <= one.last]
-            turns = [one.side * path_turn(motions, *pair) for pair in corners]
+            turns = [one.side * path_turn(motions, *pair, one.columns) for pair in corners]
             inner = [math.tan(0.5 * turn) for turn in turns if turn > _NOTHING]
             natural = min(length / sum(inner), STEEP) if inner else STEEP
             found.append((crossing.length / slant, natural))
@@ -277,7 +338,9 @@ class CutterContours:
     def words(self, why: Mapping[int, str], radii: Mapping[int, float], offset: Array) -> list[str]:
         """Return warnings of contours that are left, and what holds for those with an offset (m, 3)."""
         own = {n: (self.contours[n].first, self.contours[n].last + 1) for n in radii}
-        radii = {n: radius for n, radius in radii.items() if offset[slice(*own[n]), :2].any()}
+        radii = {
+            n: radius for n, radius in radii.items() if offset[slice(*own[n]), list(self.contours[n].columns)].any()
+        }
         lines = self.lines()
         found = [f"{lines[n]}: {LEFT}: {why[n]}" for n in sorted(why)]
         if not radii:

@@ -7,8 +7,10 @@ import re
 import shutil
 
 import pytest
+from support.canon import needs_rs274
+from support.canon_player import canon_moves
 from support.corpus import TOOLS, stepper
-from support.corpus_judge import GAP, played_places, table_of
+from support.corpus_judge import GAP, _sampled, played_places, table_of
 from support.cutter_outlines import outline
 from support.ideal_play import distances
 
@@ -151,3 +153,108 @@ def test_other_languages_have_the_same_contour_on_the_right(dialect):
     made = changed(text, dialect, ending).program()
     assert float(NOTE.search(made)[1]) == 20.0
     assert verdict(text, made, dialect, ending).ok
+
+
+LATHE = """%
+O2004
+G00 G18 G21 G40 G80 G99
+G50 S2500
+G96 S300 M03
+T0202
+G00 X40. Z2.5
+M08
+G00 G42 X-1.6 Z2.5
+G01 Z0. F0.1
+X20.
+X22. Z-1.
+Z-24.
+G02 X25. Z-25.5 R1.5
+G01 X30.
+G03 X33. Z-27. R1.5
+G01 Z-52.
+X40.
+G00 G40 Z2.5
+G00 X60. Z20.
+M30
+%
+"""
+
+
+def in_radii(text):
+    """The same for LinuxCNC, in radii, as far as the programs here use it."""
+    text = re.sub(r"X(-?[\d.]+)", lambda found: f"X{0.5 * float(found[1]):.6f}", re.sub(r"\([^)]*\)", "", text))
+    text = re.sub(r"G99|G50 S2500|G96 S300|O2004|%", "", text)
+    return text.replace("T0202", "T2 M6\nG43\nF100").replace("F0.1", "F100")
+
+
+def nose_errors(text, made, radius, orientation):
+    """Largest error [mm] of the nose's path from where it is on the part, of the plain program and of another."""
+    tools = f"T2 P2 D{2.0 * radius} Q{orientation}\n"
+    begins = ((30.0, 0.0, 40.0), (31.0, 0.0, 41.0))
+    found = [_sampled([canon_moves(in_radii(one), begin, tools) for begin in begins]) for one in (text, made)]
+    path, cuts = found[0]
+    errors = []
+    for motor, cutting in found:
+        low = cutting & (motor[:, 2] < 0.5) & (motor[:, 0] < 19.5)
+        behind = [table_of(motor, side, "XZ")[low] for side in (-1.0, 1.0)]
+        errors.append(max(distances(one, path[cuts]).max() for one in behind))
+    return errors
+
+
+def turned(rng):
+    """Profile of a shaft, some with necks that go back in X, cut from its face on."""
+    x, z, lines = 0.0, 0.0, []
+
+    def go(dx, dz, arc=""):
+        nonlocal x, z
+        x, z = x + dx, z - dz
+        lines.append(f"{arc or 'G01'} X{2.0 * x:.3f} Z{z:.3f}" + (f" R{max(abs(dx), dz):.3f}" if arc else ""))
+
+    go(rng.uniform(4.0, 6.0), 0.0)
+    while x < 15.0 and len(lines) < 14:
+        kind = rng.choice(("length", "shoulder", "taper", "round", "fillet", "neck"))
+        size = rng.uniform(1.5, 3.0)
+        go(0.0, rng.uniform(3.0, 8.0))
+        if kind == "shoulder":
+            go(size, 0.0)
+        elif kind == "taper":
+            go(0.4 * size, size)
+        elif kind == "round":
+            go(size, size, "G03")
+        elif kind == "fillet":
+            go(size, size, "G02")
+        elif kind == "neck":
+            go(-0.4 * size, 2.0 * size)
+            go(0.0, rng.uniform(4.0, 8.0))
+            go(0.4 * size, 2.0 * size)
+    begin = LATHE.index("X20.")
+    return LATHE[:begin] + "\n".join(lines) + "\nG01 X40.\n" + LATHE[LATHE.index("G00 G40") :]
+
+
+@needs_rs274
+@pytest.mark.parametrize("seed", range(8))
+def test_random_profiles_are_followed_by_the_nose(seed):
+    rng = random.Random(seed)
+    text = turned(rng)
+    made = changed(text, "fanuc", ".nc").program().decode()
+    found = NOTE.search(made.encode())
+    assert found is not None
+    radius = rng.uniform(0.2, 1.0) * min(float(found[1]), 1.2)
+    errors = nose_errors(text, made, radius, rng.choice([1, 2, 3, 4, 6, 8, 9]))
+    assert errors[1] < 0.003 < errors[0]
+    assert verdict(text, made.encode(), "fanuc", ".nc").ok
+
+
+@needs_rs274
+@pytest.mark.parametrize("orientation", [1, 2, 3, 4, 6, 8, 9])
+@pytest.mark.parametrize("radius", [0.2, 0.8])
+def test_the_nose_of_a_lathes_tool_follows_for_every_orientation(radius, orientation):
+    result = changed(LATHE, "fanuc", ".nc")
+    made = result.program().decode()
+    assert all(row.compensated == row.all for row in result.axis_reversals)
+    assert radius <= float(NOTE.search(made.encode())[1])
+    errors = nose_errors(LATHE, made, radius, orientation)
+    assert errors[0] > 0.9 * 0.5 * GAP
+    assert errors[1] < 0.002
+    assert verdict(LATHE, made.encode(), "fanuc", ".nc").ok
+    assert undo(SourceBytes(name="a.nc", stem="a", data=made.encode())) == LATHE.encode()

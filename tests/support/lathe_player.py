@@ -14,7 +14,7 @@ from .reference_player import Move
 WORD = re.compile(r"([A-Z])(-?\d*\.?\d*)")
 
 LATHE = re.compile(r"G7[0-3](?=[^\n]*P\d)(?=[^\n]*Q\d)(?![^\n]*[XZ][-.\d])|(?s:G50 *S\d.*G96)|(?s:G96.*G50 *S\d)")
-"""Words of no mill: cycles of a shape from P to Q, and a highest speed of the spindle beside a speed of cut."""
+"""Words that mills have not: cycles of a shape from P to Q, and the spindle's highest speed beside one of the cut."""
 
 
 def lathe_moves(text, begin):
