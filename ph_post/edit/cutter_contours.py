@@ -24,7 +24,7 @@ import numpy as np
 
 from ph_post.dialects.declaration import CORRECTED
 from ph_post.edit.edits import CrossingEdit, StopEdit
-from ph_post.edit.reversals import MOTION, SHARE, SIGN
+from ph_post.edit.reversals import CARRIED, MOTION, SHARE, SIGN
 from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, Motions, PartProgram
 from ph_post.types import Array
@@ -50,6 +50,9 @@ _NOTHING: Final = 1e-9
 
 STEEP: Final = 20.0 * MM
 """A slanted part is to be no steeper than for half of this radius [m]."""
+
+NOSE: Final = 1.6 * MM
+"""Radius of a large nose of a lathe's tool."""
 
 _UPRIGHT: Final = ("heidenhain", "siemens")
 """Languages whose controls bring the tool upright onto the contour's first block (iTNC 530, Conversational, 5.3; NORM
@@ -155,7 +158,7 @@ class CutterContours:
         planes = {program.modal_after(int(block)).plane for block in motions.block[around]}
         onto = (LINE, RAPID) if planes == {18} else (LINE,)
         own = motions.kind[first : last + 1]
-        if motions.kind[first] not in onto or not np.isin(own[1:], (LINE, ARC)).all():
+        if motions.kind[first] not in onto or not np.isin(own, (*onto, ARC)).all():
             return "it has moves that are neither lines nor arcs"
         if motions.exact[first : last + 2].any():
             return "the path is exact there (G61, G9)"
@@ -224,6 +227,11 @@ class CutterContours:
             for part in crossing.parts:
                 if self._within(part.motion, part.low) and not self._still(part.motion, crossing):
                     why.setdefault(self._near(part.motion), _TURNS)
+        for name, rows in changes.items():
+            carried = rows[rows[:, CARRIED] == 1.0]
+            for motion, sign in carried[:, [MOTION, SIGN]].astype(np.int64).tolist():
+                if self._carries(motion, AXES.index(name), sign):
+                    why.setdefault(int(self.number[motion]), _TURNS)
         radii: dict[int, float] = {}
         for n, one in enumerate(self.contours):
             if n in why:
@@ -236,6 +244,18 @@ class CutterContours:
             else:
                 radii[n] = radius
         return why, radii
+
+    def _carries(self, motion: int, column: int, sign: int) -> bool:
+        """Return whether a rapid changes an offset where a contour is cut behind it.
+
+        The one that comes onto it may, and the last ones may take the offset of the axis that they move alone back.
+        """
+        own, motions = int(self.number[motion]), self._program.motions
+        if own < 0 or motion == self.contours[own].first:
+            return False
+        moved = np.flatnonzero(np.abs(motions.end[motion] - motions.start[motion]) > _NOTHING).tolist()
+        cuts = bool((motions.kind[motion : self.contours[own].last + 1] != RAPID).any())
+        return sign != 0 or cuts or moved != [column]
 
     def _near(self, motion: int) -> int:
         return int(max(self.number[motion], self.number[max(motion - 1, 0)]))
@@ -287,7 +307,7 @@ class CutterContours:
                 # Either the move itself has the direction that is said, or what follows it in that direction is long.
                 run = self._run(one, column, sign) if motion == one.first else 0.0
                 gap = float(np.ptp(sides[name]))
-                found.append((max(0.5 * way, 0.5 * (run - gap)), 0.9 * max(way, run, _NOTHING)))
+                found.append((max(0.5 * way, 0.5 * (run - gap)), NOSE))
         return found
 
     def _run(self, one: CutterContour, column: int, sign: int) -> float:
@@ -320,7 +340,8 @@ class CutterContours:
             corners = [(before, before + 1) for before in (k - 1, k) if one.first < before + 1 <= one.last]
             turns = [one.side * path_turn(motions, *pair, one.columns) for pair in corners]
             inner = [math.tan(0.5 * turn) for turn in turns if turn > _NOTHING]
-            natural = min(length / sum(inner), STEEP) if inner else STEEP
+            steep = NOSE if one.turned else STEEP
+            natural = min(length / sum(inner), steep) if inner else steep
             found.append((crossing.length / slant, natural))
             if inner:
                 found.append((0.5 * (length - crossing.length) / (max(inner) + slant), natural))

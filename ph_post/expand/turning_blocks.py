@@ -78,6 +78,9 @@ class TurningBlocks(FanucBlocks):
     ) -> None:
         """Run a block."""
         own = set(super().codes_of(words))
+        if any(word.letters == "t" for word in words):
+            # With another offset the tool is somewhere else.
+            self.machine.forget("xz")
         if own & (_MOTIONS | _OTHER_MOTIONS | set(_MULTIPLE)) or optional:
             self._single, self._finished = None, False
         values = {word.letters: word.value for word in words if word.letters not in "gmno"}
@@ -199,6 +202,9 @@ class TurningBlocks(FanucBlocks):
         # What is written out still says that the program is one of a lathe.
         self._put([f"({said})", *comments])
         self._put([word.text for word in words if word.letters in "fs"])
+        # A move of no length, from which the place is known behind cycles that stay as they are.
+        self._put(["G0", self.coordinates("xz")])
+        self._moves_by = 0
         self._single, self._finishes, self._finished = None, True, False
         self.machine.modes["motion"] = _UNKNOWN
         return start

@@ -228,7 +228,7 @@ def turned(rng):
             go(0.0, rng.uniform(4.0, 8.0))
             go(0.4 * size, 2.0 * size)
     begin = LATHE.index("X20.")
-    return LATHE[:begin] + "\n".join(lines) + "\nG01 X40.\n" + LATHE[LATHE.index("G00 G40") :]
+    return LATHE[:begin] + "\n".join(lines) + f"\n{rng.choice(('G00', 'G01'))} X40.\n" + LATHE[LATHE.index("G00 G40") :]
 
 
 @needs_rs274

@@ -39,11 +39,19 @@ def test_the_tool_goes_the_same_way(seed):
 
 
 def test_a_shape_is_run_and_the_tool_goes_back():
-    lines, notes = lines_of(f"{ROUGH}T0202\nG70 P10 Q20 F0.08\nG0 X80.\n")
+    lines, notes = lines_of(f"{ROUGH}T0202\nG0 X60. Z5.\nG70 P10 Q20 F0.08\nG0 X80.\n")
     assert notes == ()
-    assert lines[:7] == [*ROUGH.splitlines(), "T0202"]
-    assert lines[7:] == [
-        *("(G70 P10 Q20 F0.08)", "F0.08", "G0 X10. (IN)", "G1 Z-5. F0.1", "G2 X20. Z-10. R5.", "G1 X50."),
+    assert lines[:8] == [*ROUGH.splitlines(), "T0202", "G0 X60. Z5."]
+    assert lines[8:] == [
+        *(
+            "(G70 P10 Q20 F0.08)",
+            "F0.08",
+            "G0 X60. Z5.",
+            "G0 X10. (IN)",
+            "G1 Z-5. F0.1",
+            "G2 X20. Z-10. R5.",
+            "G1 X50.",
+        ),
         *("G0 X60. Z5.", "G0 X80."),
     ]
 
@@ -79,6 +87,7 @@ def test_a_mill_keeps_its_words():
         (f"{ROUGH}G70 P10 Q30\n", "the sequence numbers of the shape are not there"),
         (f"{ROUGH}N20 X60.\nG70 P10 Q20\n", "not there once"),
         (f"{ROUGH}G28 U0 W0\nG70 P10 Q20\n", "where the cycle begins"),
+        (f"{ROUGH}T0202\nG70 P10 Q20\n", "where the cycle begins"),
         (f"{ROUGH.replace('G1 W', 'M8 G1 W')}G70 P10 Q20\n", "a block of the shape that does more than to move"),
         (f"{ROUGH.replace('G0 X10.', 'G0 G42 X10.')}G70 P10 Q20\n", "leaves the compensation of the tool's nose on"),
         (f"{ROUGH}G70 P10 Q20\nX70.\n", "a move behind the cycle without a word of its motion"),

@@ -36,7 +36,7 @@ _MODES: Final[Mapping[float, tuple[bytes, str]]] = {
 }
 """In the words of RS274's reader a turned frame, its end, or a motion that is not understood; and a name."""
 
-TURNED: Final = rb"G0*(?:3[24]|50|9[02489])(?!\d)|G7[0-6](?!\d)"
+TURNED: Final = rb"G0*(?:3[24]|50|9[02489])(?!\d)|G7[0-6](?!\d)|T[ \t]*\d"
 """Pattern of the words that mean another thing on a lathe (G code system A) than in RS274."""
 
 _TURNED: Final[Mapping[float, tuple[bytes, str]]] = {
@@ -97,7 +97,9 @@ class Editor:
     calculator : bool
         Whether lengths without a decimal point are in millimetres.
     turned : bool
-        Whether it is the line of a lathe's program, of G code system A.
+        Whether it is the line of a lathe's program.
+    by_words : bool
+        Whether that is of G code system A.
 
     Attributes
     ----------
@@ -111,10 +113,12 @@ class Editor:
         Whether it is a G66, or a G06.2.
     """
 
-    def __init__(self, text: bytes, bare: bytes, *, calculator: bool, turned: bool = False) -> None:
+    def __init__(
+        self, text: bytes, bare: bytes, *, calculator: bool, turned: bool = False, by_words: bool = False
+    ) -> None:
         self._text = bytearray(text)
         self._bare = bare
-        self._calculator, self._turned = calculator, turned
+        self._calculator, self._turned, self._by_words = calculator, turned, by_words
         self._words = words_of(bare)
         self._codes = {float(number): (start, end) for letter, number, start, end in self._words if letter == b"G"}
         self.remark: Remark | None = None
@@ -143,6 +147,8 @@ class Editor:
         self._frame_words()
         self._modes()
         if self._turned:
+            self._turret()
+        if self._by_words:
             self._turning_words()
         if 4.0 in self._codes:
             self._dwell()
@@ -184,6 +190,12 @@ class Editor:
                 self._put(start, end, b"G69" if ends else word)
                 if name and not ends:
                     self._note(name, start, end)
+
+    def _turret(self) -> None:
+        """Let T, which turns the turret and takes up another offset, be a change of the tool."""
+        tools = [(start, end) for letter, _, start, end in self._words if letter == b"T"]
+        for number, (start, end) in enumerate(tools):
+            self._put(start, end, b"M6" if number == 0 else b"")
 
     def _turning_words(self) -> None:
         """Put the feeds, the cycles and the zero of a lathe in words that say so.

@@ -292,7 +292,7 @@ def read_fanuc(
     asked, lathe = lathe, lathe or is_turned(data)
     by_words = lathe and has_increments_by_words(data)
     places = [found.start() for found in _ODD.finditer(bare)]
-    places += [found.start() for found in _TURNED.finditer(bare)] if by_words else []
+    places += [found.start() for found in _TURNED.finditer(bare)] if lathe else []
     odd = np.unique(np.searchsorted(lines, places, "right") - 1)
     bares = {int(number): bare[lines[number] : lines[number + 1]].rstrip(b"\r\n") for number in odd}
     remarks: dict[int, Remark] = {}
@@ -305,7 +305,7 @@ def read_fanuc(
     for number in sorted(bares):
         if number in remarks:
             continue
-        editor = Editor(texts[number], bares[number], calculator=calculator, turned=by_words)
+        editor = Editor(texts[number], bares[number], calculator=calculator, turned=lathe, by_words=by_words)
         editor.translate()
         texts[number] = editor.text
         if editor.remark is not None:
