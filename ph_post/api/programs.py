@@ -35,7 +35,7 @@ from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.cutter_contours import LEFT
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
 from ph_post.edit.offset_edits import plan_offsets
-from ph_post.edit.preconditions import reckoned_feeds, require_tool, warn_reckoned
+from ph_post.edit.preconditions import reckoned_feeds, require_tool, warn_centres, warn_reckoned
 from ph_post.edit.reversal_search import stretch_words
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.undo import original_of
@@ -144,6 +144,7 @@ def _planned(
     rounds = bool(paths_said) and dialect.syntax.path_mode is not None
     paths_said += chord_warnings(original, machine, dialect, options.tolerance)
     paths_said += [*doubtful_values(machine, moved_axes(original)), *warn_reckoned(original, reckoned), *said]
+    paths_said += warn_centres(original)
     paths_said += _friction_left(original, machine, request)
     found = _PlanSearch(original, planner, before, request, tuple(paths_said), rounds, progress).run(options)
     return replace(found, paths=paths)

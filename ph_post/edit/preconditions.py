@@ -192,6 +192,16 @@ def warn_reckoned(program: PartProgram, reckoned: PartProgram) -> list[str]:
     ]
 
 
+def warn_centres(program: PartProgram) -> list[str]:
+    """Return a warning of centres that are taken for places though no line says so."""
+    if not program.language.places_centres:
+        return []
+    return [
+        "I, J and K are taken for the places of the arcs' centres, as under G90.1: about centres from their starts the"
+        " arcs do not end where they should. The controller has to be set so"
+    ]
+
+
 def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
     """Return masks (c,) of the chains that cannot be offset, by reason; chains without a cut need no offset."""
     motions = program.motions

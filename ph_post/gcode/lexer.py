@@ -378,11 +378,13 @@ def lex(data: Any, lines: Any, out: Any, traits: Any, whys: Any, spots: Any) -> 
                 return row, block
             opened = True
             continue
+        known = row
         row, trait, why, where = _read_line(data, first, end, row, block, out)
         if why == FULL:
             return row, -1
         traits[block] = trait
         if why:
             whys[block], spots[block] = why, where + 1
-        opened = opened or (at < end and why != QUIET + CLOSED_COMMENT)
+        # Text that is no program may stand before its first percent sign.
+        opened = opened or (row > known and why == 0)
     return row, lines.size - 1

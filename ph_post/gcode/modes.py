@@ -465,6 +465,8 @@ def resolve_modes(words: Any, traits: Any, stretches: Any, end: int, columns: An
     states, feeds, motions, zeros, flags, marks, whys, spots = columns
     state, table, slots = _begin(fixed)
     state[FEED_KNOWN] = fixed[FEED_KNOWN]
+    if fixed[ARC_ABSOLUTE] == 1.0:
+        state[ARC_ABSOLUTE] = 1.0
     first = state.copy()
     before, count, low, row, at = state.copy(), 1, 0, 0, 0
     room = (np.zeros(26), np.zeros(26, np.int64), np.zeros((2, 64), np.int64), np.zeros(18, np.int64))

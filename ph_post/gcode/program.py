@@ -132,6 +132,15 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         read: Any = self.read
         return self if self.contours else replace(self, contours=True, read=read and partial(read, contours=True))
 
+    @property
+    def places_centres(self) -> bool:
+        """Return whether the centres of arcs are places, whatever a line says."""
+        return self.fixed.get(codes.ARC_ABSOLUTE) == 1.0
+
+    def placing_centres(self) -> Language:
+        """Return the language in which the centres of arcs are places, as under G90.1."""
+        return replace(self, fixed={**self.fixed, codes.ARC_ABSOLUTE: 1.0})
+
     def hidden(self, data: bytes) -> bytes:
         """Return a program's text as the reader of RS274/NGC is to have it."""
         return data if self.hide is None else self.hide(data)

@@ -246,6 +246,26 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
         if strict:
             refuse_notes(program)
         return program
+    program = _read(data, name, language, strict=strict)
+    if not strict and codes.ARC_ABSOLUTE not in language.fixed and _misses_centres(program):
+        # Some controllers are set so; the others refuse such a program, and no run of it is changed.
+        placed = _read(data, name, language.placing_centres(), strict=False)
+        if not _misses_centres(placed) and placed.motions.kind.size > program.motions.kind.size:
+            return placed
+    return program
+
+
+def _misses_centres(program: PartProgram) -> bool:
+    """Return whether an arc does not end about its centre, and no line says what I and J are."""
+    missed = {codes.FAULT + RADII_DIFFER, codes.FAULT + codes.MISSING_CENTER}
+    if not any(note.why in missed for note in program.notes):
+        return False
+    words = program.commands
+    return not ((words.letter == ord("G")) & np.isin(words.value, (90.1, 91.1))).any()
+
+
+def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartProgram:
+    """Read a program of words."""
     lines = lines_of(data, name)
     plain = language.hidden(data)
     lexed = _lexed(plain, lines, language)

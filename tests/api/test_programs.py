@@ -346,3 +346,20 @@ def test_a_curve_through_points_that_goes_beyond_a_line_s_end_is_no_reversal(tmp
     file.write_text(text, encoding="utf-8")
     counted = {row.axis: row.all for row in compensate(file, read_machine("stepper")).axis_reversals}
     assert counted["X"] == 1
+
+
+def test_a_program_whose_centres_are_places_is_compensated_and_says_so(tmp_path):
+    text = (
+        "G21 G90 G17\nG0 X0 Y60 Z5\nG1 Z-5 F500\nY50\nX-40\nG3 X-30 Y40 I-40 J40\nG1 X-50\nY-40\n"
+        "G3 X-40 Y-30 I-40 J-40\nG1 Y-50\nX40\nG3 X30 Y-40 I40 J-40\nG1 X50\nY40\nG3 X40 Y30 I40 J40\nG1 Y50\n"
+        "X0\nG0 Z5\nM2\n"
+    )
+    found = judge(Entry("plate", File(), "grbl", text))
+    assert found.compensated == found.reversals > 4
+    assert found.followed == found.shown > 4
+    assert found.rms[1] < 0.001
+    file = tmp_path / "plate.nc"
+    file.write_text(text, encoding="utf-8")
+    result = compensate(file, read_machine("stepper"))
+    assert any("I, J and K are taken for the places of the arcs' centres" in word for word in result.warnings)
+    assert undo(result.program(), "plate.nc") == text.encode()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ph_post.errors import InputError
+from ph_post.gcode.program import ARC
 from ph_post.gcode.read import read_program
 
 PROGRAM = b"""%
@@ -54,3 +55,41 @@ def test_an_arc_without_a_centre_is_refused_with_its_place():
 def test_an_arc_of_absurdly_many_turns_is_refused(turns):
     with pytest.raises(InputError, match="a whole P from 1 to 1000"):
         read_program(b"G0 X0 Y0\nG3 X0 Y0 I5 P" + turns + b" F100\nM2\n", "a.ngc", strict=True)
+
+
+PLACED = (
+    "G21 G90 G17\nG0 X0 Y60 Z5\nG1 Z-5 F500\nY50\nX-40\nG3 X-30 Y40 I-40 J40\nG1 X-50\nY-40\n"
+    "G3 X-40 Y-30 I-40 J-40\nM2\n"
+)
+"""Two arcs of three quarters of a circle about corners of a plate, whose centres are places."""
+
+
+def centres_of(text):
+    motions = read_program(text.encode(), "a.ngc").motions
+    return (1e3 * motions.center[motions.kind == ARC]).round(6).tolist()
+
+
+def test_centres_are_places_where_no_arc_fits_otherwise():
+    assert centres_of(PLACED) == [[-40.0, 40.0], [-40.0, -40.0]]
+    program = read_program(PLACED.encode(), "a.ngc")
+    assert not program.notes
+    assert program.absolute_centres().all()
+    assert np.degrees(program.motions.angle[program.motions.kind == ARC]).round(9).tolist() == [270.0, 270.0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("G90 ", "G90 G91.1 "), ("I-40 J-40", "I0 J10"), ("I-40 J-40", "I-40 J-41")],
+    ids=["said otherwise", "one fits from its start", "one fits neither"],
+)
+def test_an_arc_that_does_not_end_about_its_centre_stays_passed_through(old, new):
+    program = read_program(PLACED.replace(old, new).encode(), "a.ngc")
+    assert not program.language.places_centres
+    assert program.notes[0].what.startswith("radii of the arc differ: G3")
+
+
+def test_text_before_the_first_percent_sign_opens_no_program():
+    program = read_program(
+        b"gcode\n// filepath: d:\\part\n(a plate)\n%\nG21 G90\nG0 X0 Y0\nG1 X5 F100\n%\nG1 X9\n", "a.ngc"
+    )
+    assert program.motions.block.tolist() == [5, 6]

@@ -155,10 +155,10 @@ def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | 
     text = data.decode("utf-8-sig", "replace")
     if dialect in ("fanuc", "siemens") and nobody_knows_where(text):
         return None
-    runs = {"siemens": SiemensRun, "heidenhain": TncRun, "heidenhain-iso": iso_run}
+    own = {"siemens": SiemensRun, "heidenhain": TncRun, "heidenhain-iso": iso_run}
     try:
-        if dialect in runs:
-            run = runs[dialect](text)
+        if dialect in own:
+            run = own[dialect](text)
             kept = _thinned(run.path)
             return run.path[kept], run.cutting[kept]
         # Printers home, and may be pushed by hand where they let go of their motors; others stand where nobody knows.
@@ -176,9 +176,22 @@ def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | 
         if dialect == "fanuc":
             read = _UNDOTTED.sub(lambda found: f"{found[1]}{float(found[2]) / THOUSAND}", read)
         laid = _laid(read) if dialect in PRINTERS else None
-        return _sampled([interpret(read, one, spiral=True, released=other) for one, other in begins], laid)
+        runs = [
+            [interpret(read, one, spiral=True, released=other, own_center=incremental) for incremental in (True, False)]
+            for one, other in begins
+        ]
+        # Of a program none of whose arcs end where they should about centres from their starts these are places.
+        placed = _astray(runs[0][0]) and not _astray(runs[0][1])
+        return _sampled([either[placed] for either in runs], laid)
     except (ArithmeticError, LookupError, TypeError, ValueError):
         return None
+
+
+def _astray(moves: list[Move]) -> bool:
+    """Return whether an arc ends at another distance from its centre than it begins, by a hundredth of a millimetre."""
+    arcs = [(move, list(move.plane[:2])) for move in moves if move.mode > 1]
+    ends = [[math.dist(at[axes], move.center) for at in (move.start, move.end)] for move, axes in arcs]
+    return any(abs(first - last) > 0.01 + 0.001 * first for first, last in ends)
 
 
 def nobody_knows_where(text: str) -> bool:

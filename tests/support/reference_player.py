@@ -86,13 +86,16 @@ def interpret(
     *,
     spiral: bool = False,
     released: tuple[float, ...] | None = None,
+    own_center: bool = True,
 ) -> list[Move]:
     """Read the motions of a program that begins at a place [mm], with arcs that are a `spiral` or not.
+
+    Their centres are from their starts, `own_center`, or places, where no line says which.
 
     Where motors are let go (M18, M84) X and Y are pushed by hand to the place where they were `released`, if that is
     given.
     """
-    unit, absolute, own_center, inverse, plane, mode, feed = 1.0, True, True, False, 17, None, 0.0
+    unit, absolute, inverse, plane, mode, feed = 1.0, True, False, 17, None, 0.0
     at, moves = np.array(begin), []
     for number, raw in enumerate(text.splitlines(), 1):
         line = re.sub(r"\([^)]*\)|;.*|^/.*", "", raw).upper().replace(" ", "")
