@@ -410,7 +410,7 @@ _EXPANDING = (
         help="Write a program out first: parameters, loops, subprograms, cycles and cutter compensation become plain "
         "motions. For LinuxCNC; subprograms, macros, cycles and turned coordinates also for Fanuc; R "
         "parameters, repeats, loops and jumps for Siemens; Q parameters, labels, jumps and drilling cycles for "
-        "Heidenhain.",
+        "Heidenhain; corners that these three round or chamfer.",
     ),
     click.option(
         "--subprograms",

@@ -1,11 +1,13 @@
-"""RND and CHF of Heidenhain's conversational programs, written out as arcs and lines.
+"""RND, CHF and LP of Heidenhain's conversational programs, written out as arcs and lines.
 
 HEIDENHAIN, iTNC 530 User's Manual, Conversational (340 49x), 6.4: RND is an arc that touches the contour elements
-before and behind, CHF cuts its length off both of two straight lines; their feed is theirs alone.
+before and behind, CHF cuts its length off both of two straight lines; their feed is theirs alone. LP goes to a radius and an
+angle about the pole, which stay those of the LP before where they are not named.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 import re
 from collections.abc import Sequence
@@ -19,12 +21,12 @@ from ph_post.expand.klartext_lines import KlartextBlock, read_blocks, tnc_number
 
 _NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
 _CORNER: Final = re.compile(rf"(RND|CHF)\s*R?\s*({_NUMBER})(?:\s*F\s*({_NUMBER}))?$")
-_MOVE: Final = re.compile(r"(CR|C|L)(?![A-Z]|\s*=)|L(?=I?[XYZ])")
+_MOVE: Final = re.compile(r"(CR|C|LP|L)(?![A-Z]|\s*=)|L(?=I?[XYZ])")
 _CENTER: Final = re.compile(r"CC(?![A-Z])")
 _ABSOLUTE_CENTER: Final = re.compile(rf"CC\s*X\s*{_NUMBER}\s*Y\s*{_NUMBER}$")
 """A centre that is the same wherever the corner before it ends."""
 _WORD: Final = re.compile(
-    rf"\s*(?:(I?)([XYZ])\s*({_NUMBER})|R([LR]|0(?![\d.,]))|R\s*({_NUMBER})|DR\s*([-+])|F\s*(MAX|{_NUMBER})|M\s*(\d+))"
+    rf"\s*(?:(I?)(P[RA]|[XYZ])\s*({_NUMBER})|R([LR]|0(?![\d.,]))|R\s*({_NUMBER})|DR\s*([-+])|F\s*(MAX|{_NUMBER})|M\s*(\d+))"
 )
 _STILL: Final = re.compile(
     r"\*|BLK\s+FORM|TOOL\s+DEF|BEGIN\s+PGM|(?:M\s*0*(?:3|4|5|8|9|13|14)\s*)+$|CYCL\s+DEF\s+(?:9|32)\b"
@@ -110,6 +112,7 @@ class KlartextCorners:
         self._blocks = read_blocks(lines)
         self._at: dict[str, float] = {}
         self._pole: complex | None = None
+        self._polar: tuple[float, float] | None = None
         self._plane, self._scaled = True, False
         self._feed = ""
         self._last: tuple[int, KlartextMove] | None = None
@@ -147,12 +150,12 @@ class KlartextCorners:
             self._close("no move behind it")
         self._last = None
         if center:
-            self._pole = self._center(block.words)
+            self._pole, self._polar = self._center(block.words), None
         elif not _STILL.match(block.words):
             tool = _TOOL.match(block.words)
             self._plane = self._plane if tool is None else tool[1] == "Z"
             self._scaled |= _SCALE.match(block.words) is not None
-            self._at, self._pole, self._feed = {}, None, ""
+            self._at, self._pole, self._feed, self._polar = {}, None, "", None
 
     def _center(self, words: str) -> complex | None:
         here = self._place()
@@ -169,10 +172,14 @@ class KlartextCorners:
         return complex(self._at["X"], self._at["Y"]) if {"X", "Y"} <= self._at.keys() else None
 
     def _move(self, index: int, move: KlartextMove) -> None:
-        if {91, 92, 89, 99} & set(move.functions):
+        to = self._from_polar(move) if move.word == "LP" else None
+        if {91, 92, 89, 99} & set(move.functions) or (to is None and {"PR", "PA"} & move.places.keys()):
             self._close("no move behind it")
-            self._at, self._last = {}, None
+            self._at, self._last, self._polar = {}, None, None
             return
+        self._polar = to if to is not None or {"X", "Y"} & move.places.keys() or move.word != "L" else self._polar
+        if to is not None:
+            self._out[index] = move.block.with_words(move.text())
         start, height = self._place(), self._at.get("Z")
         for axis, (step, number) in move.places.items():
             base = self._at.get(axis) if step else 0.0
@@ -192,6 +199,20 @@ class KlartextCorners:
                 self._out[index] = move.block.with_words(move.text())
         self._feed = self._feed if move.feed in ("", "MAX") else move.feed
         self._last = index, move
+
+    def _from_polar(self, move: KlartextMove) -> tuple[float, float] | None:
+        """Write an end by radius and angle [deg] about the pole as a place; None where that is not known."""
+        had: dict[str, float] = {} if self._polar is None else dict(zip(("PR", "PA"), self._polar, strict=True))
+        for name, (step, number) in move.places.items():
+            if name in ("PR", "PA"):
+                had[name] = _value(number) + (had.get(name, math.nan) if step else 0.0)
+        radius, angle = had.get("PR", math.nan), had.get("PA", math.nan)
+        if self._pole is None or not self._plane or math.isnan(radius + angle) or {"X", "Y"} & move.places.keys():
+            return None
+        move.word = "L"
+        move.places = {axis: place for axis, place in move.places.items() if axis == "Z"}
+        move.goes_to(self._pole + cmath.rect(radius, math.radians(angle)))
+        return radius, angle
 
     def _element(self, move: KlartextMove, start: complex, end: complex) -> Element | None:
         if move.word == "L":

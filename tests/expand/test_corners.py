@@ -130,6 +130,20 @@ def test_a_rounded_corner_is_an_arc_of_its_radius_that_goes_on_smoothly(dialect:
             "L X+20\nRND 5\nCC X+20 Y+20\nL Y+20\n",
             ["L X+15 Y+0", "CR X+20 Y+5 R+5 DR+", "CC X+20 Y+20", "L X+20 Y+20"],
         ),
+        # The example of the manual (iTNC 530, 6.5) of polar lines, one of them rounded.
+        (
+            "heidenhain",
+            "CC X+45 Y+25\nLP PR+30 PA+0 RR F300 M3\nLP PA+60\nRND R2\nLP IPA+60\nL Z-1\nLP IPR-10 Z-2\n",
+            [
+                "CC X+45 Y+25",
+                "L X+75 Y+25 RR F300 M3",
+                "L X+60.5774 Y+49.9808",
+                "CR X+58.8453 Y+50.9808 R+2 DR+",
+                "L X+30 Y+50.9808",
+                "L Z-1",
+                "L X+35 Y+42.3205 Z-2",
+            ],
+        ),
         ("fanuc", "X20. ,R5.\nY20. F300.\n", ["X15. Y0.", "G3 X20. Y5. R5.", "G1 X20. Y20. F300."]),
         ("fanuc", "N10 G91 X20. , C5. (a)\nN20 Y-20.\n", ["N10 G91 X15. Y0. (a)", "G1 X5. Y-5.", "N20 G1 X0. Y-15."]),
         ("siemens", "X20 CHR=5\nY20\n", ["X15 Y0", "G1 X20 Y5", "G1 X20 Y20"]),
@@ -156,6 +170,7 @@ def test_corners_by_hand(dialect: str, body: str, expected: list[str]) -> None:
         ("heidenhain", "L X+20 M5\nRND 3\nL Y+20\n", "an M function beside it"),
         ("heidenhain", "L X+20\nRND 3\nCYCL DEF 7.0\nL Y+20\n", "no move behind it"),
         ("heidenhain", "L X+20 Y+20 FMAX\nRND 3\nL Y+0\n", "one of its moves is not one in the plane of X and Y"),
+        ("heidenhain", "L X+20\nRND 3\nLP PR+5 PA+0\n", "no move behind it"),
         ("fanuc", "X20. ,R5.\nG0 Y20.\n", "one of its moves is no cut in the plane of X and Y"),
         ("fanuc", "X20. ,R30.\nY20.\n", "a rounding that does not fit between its moves"),
         ("fanuc", "X20. ,R3.\nX40.\n", "two moves that make no corner"),
