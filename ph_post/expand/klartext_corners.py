@@ -1,8 +1,8 @@
 """RND, CHF and LP of Heidenhain's conversational programs, written out as arcs and lines.
 
 HEIDENHAIN, iTNC 530 User's Manual, Conversational (340 49x), 6.4: RND is an arc that touches the contour elements
-before and behind, CHF cuts its length off both of two straight lines; their feed is theirs alone. LP goes to a radius and
-an angle about the pole, which stay those of the LP before where they are not named.
+before and behind, CHF cuts its length off both of two straight lines; their feed is theirs alone. 6.5: LP goes to a
+radius and an angle about the pole, which stay those of the LP before where they are not named.
 """
 
 from __future__ import annotations
