@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
@@ -180,6 +181,12 @@ _MOST_DECIMALS: Final = 9
 _ANGLE_DECIMALS: Final = 4
 """Of the angle [deg] of a helix in languages that write it in words of their own."""
 
+_TRIED: Final = 5
+"""Steps of its last decimal by which an angle is changed at most so that it ends at a place."""
+
+_BESIDE: Final = 2
+"""Steps by which its centre is moved for that at most, in each direction."""
+
 _LARGEST: Final = 2.0**62
 """Steps of the last decimal that can be counted."""
 
@@ -189,6 +196,24 @@ def fine_decimals(program: PartProgram, decimals: int) -> int:
     words = program.words
     placed = np.isin(words.letter, [ord(name) for name in "XYZIJK"]) & (words.decimals > decimals)
     return min(max(decimals, int(words.decimals[placed].max(initial=0))), _MOST_DECIMALS)
+
+
+def _turn(angle: float, start: IntArray, end: IntArray) -> tuple[float, IntArray]:
+    """Return a turn [deg] and steps of its centre with which a helix from a place ends at another but for rounding.
+
+    Both are from the centre, in whole steps. Its end follows from the angle, which has few decimals, and from the
+    distance of its start: where no angle near its own leads there, a centre beside its own does.
+    """
+    step, rounded = 10.0**-_ANGLE_DECIMALS, round(angle, _ANGLE_DECIMALS)
+    beside = sorted(itertools.product(range(-_BESIDE, _BESIDE + 1), repeat=2), key=lambda one: sum(map(abs, one)))
+    for centre in np.array(beside, dtype=np.int64):
+        (x, y), wanted = (start - centre).tolist(), (end - centre).tolist()
+        begin, radius = math.atan2(y, x), math.hypot(x, y)
+        for number in sorted(range(-_TRIED, _TRIED + 1), key=abs):
+            turned = begin + math.radians(rounded + number * step)
+            if [round(radius * math.cos(turned)), round(radius * math.sin(turned))] == wanted:
+                return rounded + number * step, centre
+    return rounded, np.zeros(2, dtype=np.int64)
 
 
 class PartWords:
@@ -276,7 +301,7 @@ class PartWords:
             self._require(axis, self.program.motions.start[self.motion], self.program.motions.end[self.motion])
         words = {AXES[axis]: self._end_word(axis, end, shift) for axis in self._axes(kind)}
         if kind == ARC:
-            words |= self._arc_words(part, shift)
+            words |= self._arc_words(part, shift, end)
         elif kind == CUBIC:
             words |= self._cubic_words(part, end)
         self._at = end
@@ -309,20 +334,22 @@ class PartWords:
             return AXES[axis] + self._text(end[axis] + shift[axis])
         return AXES[axis] + self._text(end[axis] - self._at[axis])
 
-    def _arc_words(self, part: MotionPart, shift: IntArray) -> dict[str, str]:
+    def _arc_words(self, part: MotionPart, shift: IntArray, end: IntArray) -> dict[str, str]:
         """Centre and turns; a radius is replaced by them, as half circles lose their digits with it."""
         motions, k = self.program.motions, self.motion
         a, b, c = PLANE_AXES[int(motions.plane[k])]
         center = self._steps(motions.center[k], coarse=not {*_CENTERS} & self._own.keys())
-        words = {}
-        for axis, count in ((a, center[0]), (b, center[1])):
-            # A centre is told in radii, also where X is a diameter.
-            base = (-shift[axis] if self.modal.arc_absolute else self._at[axis]) / self._factors[axis]
-            words[_CENTERS[axis]] = _CENTERS[axis] + self._text(round(count - base))
         swept = float(motions.angle[k]) * (part.high - part.low)
         turns = math.ceil(abs(swept) / math.tau - _FULL)
+        words = {}
         if self.program.language.spelling is not None and (turns > 1 or AXES[c] in self._own):
-            words["A"] = f"A{math.degrees(swept):+.{_ANGLE_DECIMALS}f}"
+            plane = [a, b]
+            angle, beside = _turn(math.degrees(swept), self._at[plane] - center, end[plane] - center)
+            words["A"] = f"A{angle:+.{_ANGLE_DECIMALS}f}"
+            center = center + beside
+        for axis, count in ((a, center[0]), (b, center[1])):
+            base = -shift[axis] if self.modal.arc_absolute else self._at[axis]
+            words[_CENTERS[axis]] = _CENTERS[axis] + self._text(count - base)
         own = self._own if self.program.language.whole is not None else {}
         spare = {letter: "" for letter in _CENTERS if letter in own and letter not in words}
         return {**words, **spare, "P": self.program.language.turns(turns) if turns > 1 else "", "R": ""}
