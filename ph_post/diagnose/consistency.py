@@ -7,7 +7,7 @@ scaled regime by regime to what is left: a factor far from 1 speaks against the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from ph_post.diagnose.fit import FittedModel, residuals_of
 from ph_post.diagnose.search import without_part
 from ph_post.identify.free_run import AxisProblem, weighted_residuals, weights_of
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, BoolArray, IntArray
 
 MOST: Final = 0.2
 """Part by which the size of an effect may differ in a regime."""
@@ -37,8 +37,42 @@ class Disagreement(NamedTuple):
     factor: float
 
 
-def disagreement(problem: AxisProblem, fitted: FittedModel, number: int) -> Disagreement:
-    """Return the regime that agrees least with one part of a model on its size."""
+class RegimeSizes(NamedTuple):
+    """Sizes of an effect in regimes of one kind, those that hold enough of it.
+
+    `own` is how much of it each holds, `more` by which part it asks for more.
+    """
+
+    names: tuple[str, ...]
+    own: Array
+    more: Array
+
+
+def sizes_by_regime(problem: AxisProblem, adds: Array, left: Array, uses: Sequence[BoolArray]) -> Iterator[RegimeSizes]:
+    """Scale what an effect adds, regime by regime, to what is left; both (rows,), of the samples in use by channel."""
+    total = float(adds @ adds)
+    if total <= 0.0:
+        return
+    for names, kinds in regimes(problem):
+        kind = np.concatenate([kinds[use] for use in uses]) + 1
+        own, fits = (
+            np.asarray(np.bincount(kind, weights=adds * one, minlength=len(names) + 1)[1:], dtype=np.float64)
+            for one in (adds, left)
+        )
+        counts = np.flatnonzero(own > LEAST * total)
+        if counts.size:
+            more = np.divide(fits, own, out=np.zeros_like(own), where=own > 0.0)
+            yield RegimeSizes(tuple(names[k] for k in counts), own[counts], more[counts])
+
+
+def spread_of(sizes: Iterator[RegimeSizes]) -> float:
+    """Return by which part a size differs from regime to regime, root mean square, by the way that shows most."""
+    spreads = (np.average((more - np.average(more, weights=own)) ** 2, weights=own) for _, own, more in sizes)
+    return float(np.sqrt(max(spreads, default=0.0)))
+
+
+def sizes_of_part(problem: AxisProblem, fitted: FittedModel, number: int) -> Iterator[RegimeSizes]:
+    """Scale one part of a model, as far as base values and the other parts cannot make it, to what is left."""
     use = problem.counted
     weights = weights_of(problem, fitted.left, use)
     rows = weighted_residuals(problem, fitted.left, weights, use)
@@ -46,17 +80,16 @@ def disagreement(problem: AxisProblem, fitted: FittedModel, number: int) -> Disa
     adds = weighted_residuals(problem, without, weights, use) - rows
     basis = _others(fitted, number, rows.size)
     adds = adds - basis @ (basis.T @ adds)
-    total = float(adds @ adds)
+    return sizes_by_regime(problem, adds, rows, [use & one.ok for one in problem.observed])
+
+
+def disagreement(problem: AxisProblem, fitted: FittedModel, number: int) -> Disagreement:
+    """Return the regime that agrees least with one part of a model on its size."""
     worst = Disagreement("", 1.0)
-    if total <= 0.0:
-        return worst
-    for names, kinds in regimes(problem):
-        kind = np.concatenate([kinds[use & one.ok] for one in problem.observed])
-        own = np.bincount(kind + 1, weights=adds * adds, minlength=len(names) + 1)[1:]
-        fits = np.bincount(kind + 1, weights=adds * rows, minlength=len(names) + 1)[1:]
-        for name, square, fit in zip(names, own, fits, strict=True):
-            if square > LEAST * total and abs(fit / square) > abs(worst.factor - 1.0):
-                worst = Disagreement(name, 1.0 + float(fit / square))
+    for names, _, more in sizes_of_part(problem, fitted, number):
+        at = int(np.argmax(np.abs(more)))
+        if abs(more[at]) > abs(worst.factor - 1.0):
+            worst = Disagreement(names[at], 1.0 + float(more[at]))
     return worst
 
 

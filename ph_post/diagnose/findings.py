@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.consistency import MOST, disagreement, sides_factor
+from ph_post.diagnose.consistency import MOST, disagreement, sides_factor, sizes_of_part, spread_of
 from ph_post.diagnose.fit import FittedModel, ModelPart, covariance, fit_model, plant_at
 from ph_post.diagnose.hypotheses import OF_THE_AXIS
 from ph_post.diagnose.hypotheses.drives import BACKLASH
@@ -101,6 +101,8 @@ def fit_chosen_model(choice: ModelChoice) -> AxisDiagnosis:
     problem = with_noise(choice.problem, fitted)
     choice = replace(choice, problem=problem)
     found = _sized(problem, fitted)
+    if _misses(problem, fitted):
+        found = [_with_spread(problem, fitted, number, one) for number, one in enumerate(found)]
     sides, left = _between_sides(problem, fitted, between)
     if sides is not None:
         dropped = [one for one in dropped if one.name != "backlash"]  # named after all, by another size
@@ -133,9 +135,8 @@ def _not_separate(choice: ModelChoice, fitted: FittedModel) -> tuple[int, str] |
     filed = _filed(choice.problem)
     for number, one in reversed(list(enumerate(_sized(with_noise(choice.problem, fitted), fitted)))):
         name = one.part.hypothesis.name
-        keys = list(one.values) if name == "servo_mismatch" else list(one.values)[:1]
         nothing = filed if name in OF_THE_AXIS else {}
-        if all(abs(one.values[key] - nothing.get(key, 0.0)) < SEPARATE * one.errors[key] for key in keys):
+        if all(abs(one.values[key] - nothing.get(key, 0.0)) < SEPARATE * one.errors[key] for key in _size_keys(one)):
             said = "its numbers differ from the file's" if name == "servo_mismatch" else "its size differs from nothing"
             return number, f"{said} by less than the standard error"
     return None
@@ -219,6 +220,25 @@ def _sized(problem: AxisProblem, fitted: FittedModel) -> list[FittedEffect]:
         found.append(_found(problem, part, spread[at : at + count, at : at + count]))
         at += count
     return found
+
+
+def _with_spread(problem: AxisProblem, fitted: FittedModel, number: int, one: FittedEffect) -> FittedEffect:
+    """Widen the error of a size, in a model that misses its log, by how it differs from regime to regime.
+
+    A servo that is not the file's bends all of a log alike: leaving out one part of it after the other shows nothing.
+    """
+    spread, filed = spread_of(sizes_of_part(problem, fitted, number)), {}
+    if one.part.hypothesis.name in OF_THE_AXIS:
+        filed = _filed(problem)
+    keys = _size_keys(one)
+    wider = {key: math.hypot(one.errors[key], spread * (one.values[key] - filed.get(key, 0.0))) for key in keys}
+    return replace(one, errors={**one.errors, **wider})
+
+
+def _size_keys(one: FittedEffect) -> list[str]:
+    """Return the names of the values that are a part's size: all of a servo's, of others the leading one."""
+    keys = list(one.values)
+    return keys if one.part.hypothesis.name == "servo_mismatch" else keys[:1]
 
 
 def _found(problem: AxisProblem, part: ModelPart, spread: Array) -> FittedEffect:

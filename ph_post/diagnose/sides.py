@@ -9,7 +9,6 @@ acceleration (a scale, a late reading, a spring).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Final
 
 import msgspec
@@ -17,7 +16,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
 
-from ph_post.diagnose.consistency import MOST, regimes
+from ph_post.diagnose.consistency import MOST, sizes_by_regime, spread_of
 from ph_post.drive.plant import coast
 from ph_post.identify.errors import BLOCKS, block_covariance, rounding_of
 from ph_post.identify.free_run import AxisProblem
@@ -31,10 +30,6 @@ CLEAR: Final = 5.0
 
 EXPLAINS: Final = 0.8
 """Part of what speed, place and acceleration leave of the difference that a gap explains at least."""
-
-LEAST: Final = 0.08
-"""Part of what a gap does that a regime must hold to count."""
-
 
 HELD: Final = np.inf
 """Deceleration by friction of a table that stops at once where nothing pushes it."""
@@ -143,7 +138,7 @@ def gap_between(problem: AxisProblem) -> SidesGap | None:
     if slows < HELD:
         # A table slides less simply than it is reckoned to, in all blocks alike: what its parts of the motion ask for
         # differs by as much.
-        error = float(np.hypot(error, width * _spread(problem, none - rest, rest, use)))
+        error = float(np.hypot(error, width * spread_of(sizes_by_regime(problem, none - rest, rest, [use]))))
     return SidesGap(
         width=width,
         error=error,
@@ -154,26 +149,6 @@ def gap_between(problem: AxisProblem) -> SidesGap | None:
     )
 
 
-def _parts(problem: AxisProblem, adds: Array, rest: Array, use: BoolArray) -> Iterator[tuple[Array, Array]]:
-    """Yield of every way to divide a motion how much of a gap its parts hold, and by which part they ask for more."""
-    total = float(adds @ adds)
-    for names, kinds in regimes(problem):
-        kind = kinds[use] + 1
-        own = np.bincount(kind, weights=adds * adds, minlength=len(names) + 1)[1:]
-        fits = np.bincount(kind, weights=adds * rest, minlength=len(names) + 1)[1:]
-        counts = own > LEAST * total
-        yield np.asarray(own[counts], dtype=np.float64), np.asarray(fits[counts] / own[counts])
-
-
 def _agrees(problem: AxisProblem, adds: Array, rest: Array, use: BoolArray) -> bool:
     """Return whether the gap has one size in slow and quick motion, at all places and times."""
-    return all(bool(np.all(np.abs(more) <= MOST)) for _, more in _parts(problem, adds, rest, use))
-
-
-def _spread(problem: AxisProblem, adds: Array, rest: Array, use: BoolArray) -> float:
-    """Return by which part a gap differs from part to part of a motion, root mean square, where that is the most."""
-    return max(
-        float(np.sqrt(np.average((more - np.average(more, weights=own)) ** 2, weights=own)))
-        for own, more in _parts(problem, adds, rest, use)
-        if own.size
-    )
+    return all(bool(np.all(np.abs(one.more) <= MOST)) for one in sizes_by_regime(problem, adds, rest, [use]))
