@@ -18,8 +18,10 @@ from ph_post.gcode.program import ARC, AXES, CENTERS, CUBIC, PLANE_AXES, Modal, 
 from ph_post.types import Array, BoolArray, IntArray
 
 _CANNED: Final = (73, 76, 80, 81, 82, 83, 84, 85, 86, 87, 88, 89)
+_TURNING: Final = (70, 71, 71.1, 71.2, 72, 72.1, 72.2)
 MOTION_WORDS: Final = {
-    number: f"G{number:g}" for number in (0, 1, 2, 3, 5, 5.1, 5.2, 5.3, 33, 33.1, 38.2, 38.3, 38.4, 38.5, *_CANNED)
+    number: f"G{number:g}"
+    for number in (0, 1, 2, 3, 5, 5.1, 5.2, 5.3, 33, 33.1, 38.2, 38.3, 38.4, 38.5, *_TURNING, *_CANNED)
 }
 """Words that set the motion mode, by the number behind the G."""
 

@@ -77,6 +77,12 @@ class TurningBlocks(FanucBlocks):
         self, text: str, words: Sequence[MacroWord], comments: Sequence[str], *, optional: bool, same: bool
     ) -> None:
         """Run a block."""
+        if any(len(word.letters) > 1 or (word.letters in "gm" and math.isnan(word.value)) for word in words):
+            # A letter without its number may be any.
+            self._single = None
+            super().run(text, words, comments, optional=optional, same=same)
+            self.machine.forget()
+            return
         own = set(super().codes_of(words))
         if any(word.letters == "t" for word in words):
             # With another offset the tool is somewhere else.

@@ -102,6 +102,13 @@ def test_the_shape_of_a_cycle_is_left_as_it_is():
     assert SHAPE[SHAPE.index("G71 P") : SHAPE.index("G70")] in after
 
 
+def test_a_cycle_behind_an_arc_gets_no_word_of_its_motion():
+    cycle = "G71 P10 Q20 U0.4 W0.1 F0.2\n"
+    text = (HEAD + SHAPE).replace("G00 X70. Z5.", f"G01 X38. Z-22.\nG02 X44. Z-25. R3.\n{cycle}G01 X50.")
+    _, after = made_of(text)
+    assert no_comments(after).count(cycle) == text.count(cycle)
+
+
 def test_an_offset_is_twice_as_large_in_its_words():
     _, after = made_of(HEAD + PROFILE)
     assert "(PH-POST: OFFSET X 0.025 MM)" in after

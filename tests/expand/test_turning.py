@@ -105,3 +105,8 @@ def test_what_is_not_understood_stays_and_is_named(text, why):
     assert why in " ".join(found.notes)
     lines = [line for line in found.data.decode().splitlines() if "PH-POST" not in line]
     assert next(line for line in text.splitlines() if line[:3] in ("G70", "G90", "G92")) in lines
+
+
+def test_a_letter_without_its_number_is_kept():
+    lines, _ = lines_of("G1 U-2. F0.1\nG X5.\nU1.\nX8. Z1.\nW-1.\n")
+    assert lines == ["G1 X58. F0.1", "G X5.", "U1.", "X8. Z1.", "Z0."]
