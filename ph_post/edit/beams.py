@@ -9,7 +9,7 @@ import numpy as np
 
 from ph_post.edit.block_words import ends_program
 from ph_post.edit.extrusion import filament_of
-from ph_post.edit.reversals import MOTION, SIGN
+from ph_post.edit.reversals import MOTION, SHARE, SIGN
 from ph_post.gcode.paths import places_words
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.working import working_motions
@@ -38,14 +38,17 @@ class BeamGuard:
     def marks(self, row: Array, before: int, *, behind_rapid: bool) -> bool:
         """Return whether a move of an axis alone at a change, whose sign `before` it was, would mark the part.
 
-        A beam whose power follows the speed may move on at the feed; behind the last motion it is switched off first.
+        A beam whose power follows the speed may move on at the feed; where it is switched off behind a motion, the move
+        comes after that.
         """
         motion, works = int(row[MOTION]), self.works
         rests = row[SIGN] == 0.0 or before == 0
         if not self.is_beam:
             return bool(self.tends and works.stays[motion] and rests and not behind_rapid)
+        if row[SHARE] == 1.0 and self.off_behind(motion) is not None:
+            return False
         if row[SIGN] == 0.0:
-            return bool(works.stays[motion]) and self.off_behind(motion) is None
+            return bool(works.stays[motion])
         if behind_rapid and self.tool == "laser":
             # Its moves are rapids, in which a laser is off.
             return False

@@ -163,6 +163,9 @@ class CrossingGround:
         arcs = np.flatnonzero(program.motions.kind == ARC)
         turning[arcs[:, None], plane_columns(program.motions.plane[arcs])[:, :2]] = True
         self.moving = [np.flatnonzero(column).astype(np.int32) for column in ((self.way != 0.0) | turning).T]
+        kind = program.motions.kind
+        start, end = program.motions.start, program.motions.end
+        self.still = (kind == LINE) & ((start == end) | (np.isnan(start) & np.isnan(end))).all(axis=1)
         self.low = low
         self.beam = BeamGuard(program, machine)
         self.contours = CutterContours(program)

@@ -104,14 +104,19 @@ class CrossingSearch:
                         if part.high == 1.0 and part is not made.parts[-1]:
                             inside[part.motion] = part.added
                 else:
-                    if self.ground.beam.marks(row, int(spots.before[n]), behind_rapid=self.ground.behind_rapid(row)):
+                    there = self._at_rest(row)
+                    last = int(there[MOTION])
+                    if ground.beam.marks(there, int(spots.before[n]), behind_rapid=ground.behind_rapid(there)):
                         burnt.append(last)
-                    stop, beyond = self._jog(spots, n, float(after[column] - current[column]), coarser)
+                    stop, beyond = self._jog(spots, n, there, float(after[column] - current[column]), coarser)
                     stops.append(stop)
                     if beyond > 0.0:
                         approaches[AXES[column]] = max(approaches.get(AXES[column], 0.0), beyond)
             lasting.append((last, column, float(after[column])))
             current = after
+        # Where its motion is divided a stop is written in the change with it, before the line that switches off.
+        divided = {part.motion for one in crossings for part in one.parts}
+        burnt += [one.motion for one in stops if one.behind is not None and one.motion in divided]
         offset = _lasting_offsets(lasting, ground.program.motions.kind.size)
         for motion, added in inside.items():
             offset[motion] = added
@@ -189,12 +194,21 @@ class CrossingSearch:
         )
         return planner.plan(spot, spots.window[n])
 
-    def _jog(self, spots: Spots, n: int, travel: float, coarser: float) -> tuple[StopEdit, float]:
-        """Shift an axis by a move of its own, and say from how far beyond its place it comes [m].
+    def _at_rest(self, row: Array) -> Array:
+        """Return a change with a beam behind the motions to the same place: it may be switched off there."""
+        if not self.ground.beam.is_beam or row[SHARE] != 1.0 or self.ground.behind_rapid(row):
+            return row
+        found, still = row.copy(), self.ground.still
+        while found[MOTION] + 1 < still.size and still[int(found[MOTION]) + 1]:
+            found[MOTION] += 1
+        return found
+
+    def _jog(self, spots: Spots, n: int, row: Array, travel: float, coarser: float) -> tuple[StopEdit, float]:
+        """Shift an axis by a move of its own at a change, and say from how far beyond its place it comes [m].
 
         One whose side is not known comes from beyond its backlash, in the air: the rapid before ends there.
         """
-        row, name = spots.rows[n], AXES[int(spots.column[n])]
+        name = AXES[int(spots.column[n])]
         motion, share, sign = int(row[MOTION]), float(row[SHARE]), float(row[SIGN])
         axis = self.ground.machine.axes[name]
         lost = self.ground.sides[name][1] - self.ground.sides[name][0]
@@ -243,6 +257,7 @@ class CrossingSearch:
             for place, way in enumerate(ways)
         )
         rapid = approach and self.ground.beam.tool == "laser"
+        off = share == 1.0 and (sign == 0.0 or self.ground.beam.is_beam)
         stop = StopEdit(
             motion=motion,
             share=share,
@@ -250,7 +265,7 @@ class CrossingSearch:
             shifts=shifts,
             approach=approach,
             rapid=rapid,
-            behind=self.ground.beam.off_behind(motion) if sign == 0.0 and share == 1.0 else None,
+            behind=self.ground.beam.off_behind(motion) if off else None,
         )
         return stop, beyond
 

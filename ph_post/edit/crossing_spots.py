@@ -77,6 +77,9 @@ STRAIGHT: Final = 1.0 - 1e-9
 NEAR: Final = 0.25
 """Part of the length of a line that a table may be beside it behind a corner: the next line is not nearer then."""
 
+FROM_REST: Final = 2.0
+"""Lost motions that a path comes on from rest while the motor crosses one, both with the acceleration of the axis."""
+
 BESIDE: Final = 4
 """Changes before and behind a rest of which it is looked whether they use it: no more can be at its ends."""
 
@@ -269,8 +272,12 @@ class SpotSearch:
         turning, window = self._turning(spots, motion, turning, (wait, late, crossing), (error, most, finest))
         # Where there is time a stop leaves no error at all.
         may_wait = coarser > 1.0 and not ground.plain_corners
-        sharp = inner & corner & ~corrected & (lag < SHORT_LAG) & may_wait
-        spots, slowly = self._behind_corners(spots, sharp, corner, calm, behind, error)
+        burns = ground.beam.is_beam & ground.beam.works.burns[motion]
+        sharp = inner & corner & ~corrected & (lag < SHORT_LAG) & (may_wait | burns)
+        moves = np.append(np.flatnonzero(~ground.still), motions.kind.size - 1)
+        spots, slowly = self._behind_corners(
+            spots, sharp, corner, calm, moves[np.searchsorted(moves, behind)], error, burns
+        )
         turning |= slowly
         window[slowly] = spots.window[slowly]
         spots = replace(spots, calm=calm, window=np.where(turning[:, None], window, 0.0), blend=blend)
@@ -370,12 +377,20 @@ class SpotSearch:
         return calm | whole, replace(spots, rest=rest, bound=bound, at=at, feed=speed, whole=whole)
 
     def _behind_corners(
-        self, spots: Spots, may: BoolArray, corner: BoolArray, calm: BoolArray, behind: IntArray, error: Array
+        self,
+        spots: Spots,
+        may: BoolArray,
+        corner: BoolArray,
+        calm: BoolArray,
+        behind: IntArray,
+        error: Array,
+        burns: BoolArray,
     ) -> tuple[Spots, BoolArray]:
         """Find windows behind corners that the path leaves so slowly that the motor crosses meanwhile.
 
         The table waits, and is where it should be at the end of the window: on a straight line it is beside the path by
-        the axis' way until then, as far as that is across the line.
+        the axis' way until then, as far as that is across the line. Where a beam `burns` what stands, that is better
+        than a stop, and the path comes out of the corner from rest.
         """
         ground = self._ground
         found = np.zeros(may.size, dtype=np.bool_)
@@ -390,7 +405,9 @@ class SpotSearch:
             time = np.maximum([ground.shapes[axis.name].wait for axis in axes], lost / np.sqrt(push * BLENDED))
         shortest = shortest_block(feed)
         begin, end = spots.at[which], ground.along[behind[which] + 1]
-        finish = begin + np.maximum(feed * time, shortest)
+        lit = burns[which]
+        finish = begin + np.maximum(np.where(lit, np.minimum(feed * time, FROM_REST * lost), feed * time), shortest)
+        finish = np.where(lit, np.minimum(finish, end), finish)
         finish = np.where(end - finish < shortest, np.maximum(finish, end), finish)
         # What happens in the next corner begins there.
         next_begin = np.where(spots.whole, spots.rest[:, 0], np.where(corner & ~calm, spots.at, -np.inf))
@@ -400,7 +417,8 @@ class SpotSearch:
         way = np.abs(points[1] - points[0])[np.arange(which.size), column]
         across = np.sqrt(np.maximum(1.0 - (way / np.maximum(finish - begin, FINEST)) ** 2, 0.0))
         beside = way * across * lost / (lost + way)
-        fits &= (way <= PART * lost) & (beside <= np.minimum(error[which], NEAR * (end - begin)))
+        fits &= lit | ((way <= PART * lost) & (beside <= np.minimum(error[which], NEAR * (end - begin))))
+        fits &= beside <= MOST * lost
         which, begin, finish, feed, beside = (one[fits] for one in (which, begin, finish, feed, beside))
         window, bound = spots.window.copy(), spots.bound.copy()
         found[which] = True

@@ -188,7 +188,7 @@ class _Knots(msgspec.Struct, kw_only=True, eq=False):
 
     `line` says of the part that ends at a knot whether it is a straight block; `speed` [m/s] the path's there.
     On the parts that end at the knots `crosses` the motor crosses the backlash; `exact` where the table is on the path
-    at every knot.
+    at every knot, `aside` where it lies beside the place at which the axis turns.
     """
 
     s: list[float]
@@ -197,6 +197,7 @@ class _Knots(msgspec.Struct, kw_only=True, eq=False):
     speed: list[float]
     crosses: range = range(0)
     exact: bool = False
+    aside: bool = False
 
 
 class CrossingPlanner:
@@ -264,6 +265,8 @@ class CrossingPlanner:
         own = spot.shape.beyond if not spot.calm else 0.0
         before, after = float(spot.before[spot.column]), float(spot.after[spot.column])
         gap = abs(after - before)
+        if knots.aside and error > FINE * ERROR:
+            return None
         # The check wants none farther from the path than an offset is.
         if error > min((HALF + own) * gap, NEARLY * max(abs(before), abs(after))):
             return None
@@ -513,9 +516,16 @@ class CrossingPlanner:
 
     def _snap(self, knots: _Knots, spot: CrossingPlace, least: float, outside: float) -> bool:
         """Move knots where motions may be divided; return whether the crossing still fits."""
-        count = len(knots.s)
+        count, (first, *_, last) = len(knots.s), knots.s
         room = [outside if n in (0, count - 1) else least for n in range(count)]
         knots.s = [self._snapped(one, 2 * n < count, room[n]) for n, one in enumerate(knots.s)]
+        joint = knots.s[0]
+        if count == len((first, last)) and knots.s[-1] == joint:
+            # Too short on either side of a joint, it lies behind it, or before, where more of it was.
+            length = max(last - first, outside)
+            ends = (joint, joint + length) if last - joint >= joint - first else (joint - length, joint)
+            knots.s = [self._snapped(one, n == 0, outside) for n, one in enumerate(ends)]
+            knots.aside = True
         inside = knots.s[0] > spot.bound[0] - outside and knots.s[-1] < spot.bound[1] + outside
         return inside and bool(np.all(np.diff(knots.s) > 0.5 * shortest_block(spot.feed)))
 
