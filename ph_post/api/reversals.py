@@ -295,7 +295,7 @@ def _shifted(
         rests = {place[1] - back for place in places if place[0] == name for back in (0, 1)}
         left_off[name] = _left_off(motions, path, AXES.index(name), rests)
     found = []
-    still = (motions.start == motions.end).all(axis=1)
+    still = (motions.start == motions.end) & (motions.kind == LINE)[:, None]
     for point, (name, motion, _), near, ends in zip(points, places, reach, at_end.tolist(), strict=True):
         if name not in changes.axes:
             found.append(False)
@@ -310,9 +310,9 @@ def _shifted(
         stops = (column == AXES.index(name)) & (end_at > low - near - PASSED) & (begin_at < point.s + near + PASSED)
         leaves = motion + (2 if ends else 1)
         # A rapid that takes the axis away takes up its backlash on the way, as a plunge behind a rapid does in the air.
-        while leaves < still.size and ends and still[leaves - 1]:
+        while leaves < len(still) and ends and still[leaves - 1, AXES.index(name)]:
             leaves += 1
-        away = ends and (motions.kind[min(leaves, still.size) - 1] == RAPID or motions.kind[motion] == RAPID)
+        away = ends and (motions.kind[min(leaves, len(still)) - 1] == RAPID or motions.kind[motion] == RAPID)
         found.append(bool(away or stops.any() or changes.carried[begin + 1 : leaves, AXES.index(name)].any()))
     return found
 
