@@ -20,6 +20,8 @@ _TANGENT: Final = 1e-4
 """Sine of the angle between two elements that make no corner."""
 
 _CLOSE: Final = 1e-6
+_APART: Final = 2e-3
+"""Difference of the distances of an arc's ends from its centre that is rounding."""
 
 
 class Element(msgspec.Struct, frozen=True, kw_only=True):
@@ -98,6 +100,10 @@ def corner_between(before: Element, after: Element, kind: Kind, size: float) -> 
         raise NotExpandableError("a corner without a size")
     if before.start == before.end or after.start == after.end:
         raise NotExpandableError("a corner at a move without a length")
+    for element in (before, after):
+        apart = 0.0 if element.center is None else abs(abs(element.end - element.center) - element.radius)
+        if not apart <= _APART or (element.center is not None and not element.radius > _CLOSE):
+            raise NotExpandableError("an arc whose ends are not on one circle")
     first, second = before.heading(before.end), after.heading(after.start)
     turn = (second * first.conjugate()).imag
     if abs(turn) < _TANGENT:

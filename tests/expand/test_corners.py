@@ -199,3 +199,10 @@ def test_a_corner_in_scaled_coordinates_stays(dialect: str, scale: str, body: st
     lines, notes = written(dialect, f"{scale}\n{body}")
     assert lines == [scale, *body.splitlines()]
     assert any("scaled" in note for note in notes)
+
+
+@pytest.mark.parametrize("arc", ["G2 X40. Y0. I0. J0.", "G2 X40. Y0. I12. J0."])
+def test_a_corner_at_an_arc_that_is_none_stays(arc: str) -> None:
+    lines, notes = written("fanuc", f"X20. ,R3.\n{arc}\n")
+    assert lines == ["X20. ,R3.", arc]
+    assert notes[0].endswith("an arc whose ends are not on one circle")
