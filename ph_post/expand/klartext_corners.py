@@ -29,7 +29,8 @@ _WORD: Final = re.compile(
     rf"\s*(?:(I?)(P[RA]|[XYZ])\s*({_NUMBER})|R([LR]|0(?![\d.,]))|R\s*({_NUMBER})|DR\s*([-+])|F\s*(MAX|{_NUMBER})|M\s*(\d+))"
 )
 _STILL: Final = re.compile(
-    r"\*|BLK\s+FORM|TOOL\s+DEF|BEGIN\s+PGM|(?:M\s*0*(?:3|4|5|8|9|13|14)\s*)+$|CYCL\s+DEF\s+(?:9|32)\b"
+    r"\*|BLK\s+FORM|TOOL\s+DEF|BEGIN\s+PGM|STOP\b|(?:M\s*0*(?:3|4|5|8|9|13|14)\s*)+$|CYCL\s+DEF\s+(?:9|32)\b"
+    r"|(?:FN\s*(?:[0-8]|13)\s*:\s*)?Q[LRS]?\d+\s*="
 )
 """Blocks that leave tool, centre and feed as they are."""
 _TOOL: Final = re.compile(r"TOOL\s+CALL\b.*?\b([XYZ])\b")

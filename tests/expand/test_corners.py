@@ -133,9 +133,10 @@ def test_a_rounded_corner_is_an_arc_of_its_radius_that_goes_on_smoothly(dialect:
         # The example of the manual (iTNC 530, 6.5) of polar lines, one of them rounded.
         (
             "heidenhain",
-            "CC X+45 Y+25\nLP PR+30 PA+0 RR F300 M3\nLP PA+60\nRND R2\nLP IPA+60\nL Z-1\nLP IPR-10 Z-2\n",
+            "CC X+45 Y+25\nQ5 = 3\nLP PR+30 PA+0 RR F300 M3\nLP PA+60\nRND R2\nLP IPA+60\nL Z-1\nLP IPR-10 Z-2\n",
             [
                 "CC X+45 Y+25",
+                "Q5 = 3",
                 "L X+75 Y+25 RR F300 M3",
                 "L X+60.5774 Y+49.9808",
                 "CR X+58.8453 Y+50.9808 R+2 DR+",
