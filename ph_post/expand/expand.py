@@ -45,7 +45,7 @@ _STRUCTURED: Final = re.compile(
 """What a program of Siemens that computes has somewhere."""
 
 _CONVERSATIONAL: Final = re.compile(
-    rb"\bCALL\s+LBL|GOTO\b|CYCL\s+CALL|Q[LR]?\d|M\s*99(?!\d)|\b(?:RND|CHF|LP)\b", re.IGNORECASE
+    rb"\bCALL\s+LBL|GOTO\b|CYCL\s+CALL|Q[LR]?\d|M\s*99(?!\d)|\b(?:RND|CHF|LP|CT)\b", re.IGNORECASE
 )
 """What a conversational program of Heidenhain that computes has somewhere."""
 

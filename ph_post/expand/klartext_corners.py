@@ -1,8 +1,9 @@
-"""RND, CHF and LP of Heidenhain's conversational programs, written out as arcs and lines.
+"""RND, CHF, LP and CT of Heidenhain's conversational programs, written out as arcs and lines.
 
 HEIDENHAIN, iTNC 530 User's Manual, Conversational (340 49x), 6.4: RND is an arc that touches the contour elements
 before and behind, CHF cuts its length off both of two straight lines; their feed is theirs alone. 6.5: LP goes to a
-radius and an angle about the pole, which stay those of the LP before where they are not named.
+radius and an angle about the pole, which stay those of the LP before where they are not named. 6.4: CT is an
+arc that goes on in the direction of the element before it.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ph_post.expand.klartext_lines import KlartextBlock, read_blocks, tnc_number
 
 _NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
 _CORNER: Final = re.compile(rf"(RND|CHF)\s*R?\s*({_NUMBER})(?:\s*F\s*({_NUMBER}))?$")
-_MOVE: Final = re.compile(r"(CR|C|LP|L)(?![A-Z]|\s*=)|L(?=I?[XYZ])")
+_MOVE: Final = re.compile(r"(CR|CT|C|LP|L)(?![A-Z]|\s*=)|L(?=I?[XYZ])")
 _CENTER: Final = re.compile(r"CC(?![A-Z])")
 _ABSOLUTE_CENTER: Final = re.compile(rf"CC\s*X\s*{_NUMBER}\s*Y\s*{_NUMBER}$")
 """A centre that is the same wherever the corner before it ends."""
@@ -38,6 +39,9 @@ _SCALE: Final = re.compile(r"CYCL\s+DEF\s+(?:11|26)\b")
 _AT_THE_BEGIN: Final = frozenset((3, 4, 8, 13, 14))
 _AT_THE_END: Final = frozenset((0, 1, 2, 5, 9, 30))
 _DECIMALS: Final = 4
+_LEAST_TURN: Final = 1.0
+_AMBIGUOUS: Final = 10.0
+"""Angles [deg] within which of a half or a whole turn an arc hangs on the last digit of its radius."""
 
 
 class KlartextMove(msgspec.Struct, kw_only=True):
@@ -188,9 +192,24 @@ class KlartextCorners:
             if base is not None:
                 self._at[axis] = base + _value(number)
         end = self._place()
-        if start is not None and end is not None and self._plane and self._at.get("Z") == height and move.feed != "MAX":
+        if (
+            move.word != "CT"
+            and start is not None
+            and end is not None
+            and self._plane
+            and self._at.get("Z") == height
+            and move.feed != "MAX"
+        ):
             move.element = self._element(move, start, end)
         opened, self._open = self._open, None
+        if move.word == "CT":
+            known = opened is None and start is not None and end is not None
+            if not (known and start is not None and end is not None and self._tangential(move, start, end)):
+                self._at, self._last = {}, None
+                if opened is not None:
+                    self._note(opened[1], "a tangential move behind it")
+                return
+            self._out[index] = move.block.with_words(move.text())
         if opened is not None:
             try:
                 self._write(opened, move)
@@ -200,6 +219,24 @@ class KlartextCorners:
                 self._out[index] = move.block.with_words(move.text())
         self._feed = self._feed if move.feed in ("", "MAX") else move.feed
         self._last = index, move
+
+    def _tangential(self, move: KlartextMove, start: complex, end: complex) -> bool:
+        """Write an arc that goes on in the direction of the move before it as one with a radius; False if it cannot."""
+        before = None if self._last is None else self._last[1].element
+        if before is None or not self._plane or move.feed == "MAX" or "Z" in move.places or move.functions:
+            return False
+        heading, way = before.heading(before.end), end - start
+        turned = cmath.phase(way / heading) if way else 0.0
+        swept = math.degrees(2.0 * abs(turned))
+        if not (_LEAST_TURN <= swept <= 180.0 - _AMBIGUOUS or 180.0 + _AMBIGUOUS <= swept <= 360.0 - _AMBIGUOUS):
+            return False
+        left, radius = turned > 0.0, 0.5 * abs(way) / math.sin(abs(turned))
+        center = start + heading * (1j if left else -1j) * radius
+        move.word, move.sense = "CR", "+" if left else "-"
+        move.radius = tnc_number(radius if swept < 180.0 else -radius, _DECIMALS, sign=True)
+        move.goes_to(end)
+        move.element = Element(start=start, end=end, center=center, left=left) if swept < 180.0 else None
+        return True
 
     def _from_polar(self, move: KlartextMove) -> tuple[float, float] | None:
         """Write an end by radius and angle [deg] about the pole as a place; None where that is not known."""

@@ -207,3 +207,46 @@ def test_a_corner_at_an_arc_that_is_none_stays(arc: str) -> None:
     lines, notes = written("fanuc", f"X20. ,R3.\n{arc}\n")
     assert lines == ["X20. ,R3.", arc]
     assert notes[0].endswith("an arc whose ends are not on one circle")
+
+
+def test_a_tangential_arc_by_hand() -> None:
+    """The example of the manual (iTNC 530, 6.4); its radius by the chord and the angle between chord and direction."""
+    lines, notes = written("heidenhain", "L X+0 Y+25 RL F300 M3\nL X+25 Y+30\nCT X+45 Y+20 F200 ; on\nL Y+0\n")
+    chord, between = math.hypot(20.0, 10.0), math.atan2(1.0, 5.0) + math.atan2(1.0, 2.0)
+    radius = chord / (2.0 * math.sin(between))
+    assert lines[2] == f"CR X+45 Y+20 R+{radius:.4f} DR- F200 ; on"
+    assert not notes
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_tangential_arcs_go_on_smoothly(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    body, at, direction = ["L X+20.0000 Y+0.0000"], 20.0 + 0.0j, 1.0 + 0.0j
+    for _ in range(3):
+        turn = float(random.choice([-1.0, 1.0])) * math.radians(float(random.uniform(3.0, 80.0)))
+        way = direction * np.exp(1j * turn) * float(random.uniform(10.0, 30.0))
+        at, direction = at + way, direction * np.exp(2j * turn)
+        body.append(f"CT X{at.real:+.4f} Y{at.imag:+.4f}")
+    lines, notes = written("heidenhain", "\n".join(body) + "\n")
+    assert [line[:2] for line in lines] == ["L ", "CR", "CR", "CR"]
+    assert not notes
+    places = played("heidenhain", lines)
+    steps = np.diff(places, axis=0)
+    turned = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
+    assert np.abs(turned).max() < 0.01
+    assert np.allclose(places[-1], [at.real, at.imag], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "L X+20\nRND 3\nCT X+30 Y+10\n",
+        "L X+20\nCT X+20 Y+10\n",
+        "L X+20\nCT X+40 Y+0\n",
+        "L X+20\nCYCL DEF 7.0\nCT X+30 Y+10\n",
+        "L X+20\nCT X+30 Y+10 Z-2\n",
+    ],
+)
+def test_a_tangential_arc_that_is_not_certain_stays(body: str) -> None:
+    """Behind a corner, of a half turn, straight on, from nowhere, and as a helix."""
+    assert written("heidenhain", body)[0] == body.splitlines()
