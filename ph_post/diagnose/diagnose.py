@@ -73,9 +73,15 @@ def diagnose(log: Log, machine: Machine, progress: Progress = no_progress) -> Di
     with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         seconds = _expected(problems)
         search = progress if seconds < SHORT else prefixed(progress, f"about {float(f'{seconds:.1g}'):.0f} s in all")
-        outcomes = list(pool.map(lambda one: fit_chosen_model(choose(one, search)), problems))
+        outcomes = list(pool.map(lambda one: fit_chosen_model(choose(one, search), _early(one, quality)), problems))
     progress("explaining")
     return _assemble(log, machine, quality, outcomes)
+
+
+def _early(problem: AxisProblem, quality: LogQuality) -> float:
+    """Return by how much all positions of an axis are earlier than its drive in the file [s]."""
+    shifts = [one.shift for one in quality.channels if one.axis == problem.axis.name and one.shift is not None]
+    return -max(shifts, default=0.0)
 
 
 def _expected(problems: Sequence[AxisProblem]) -> float:

@@ -62,6 +62,10 @@ SEPARATE: Final = 1.0
 """Standard errors by which some number of a name differs from nothing at least, or from what the file says."""
 
 
+EARLY: Final = 0.2
+"""Part of a single loop's c by which a log that it misses is early where its speed is fed forward."""
+
+
 class FittedEffect(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A part of the final model: values [SI] by name, leading first, and their standard errors."""
 
@@ -71,13 +75,17 @@ class FittedEffect(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class AxisDiagnosis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """The final model of one axis, fitted to all samples that count, and what was found in it."""
+    """The final model of one axis, fitted to all samples that count, and what was found in it.
+
+    `early` [s] is by how much the log is earlier than the single loop of the file, where none answers so early; else 0.
+    """
 
     choice: ModelChoice
     fitted: FittedModel
     found: tuple[FittedEffect, ...]
     dropped: tuple[DroppedName, ...] = ()
     sides: SidesGap | None = None
+    early: float = 0.0
     gain: float | None
     """K as the file has it, or as the effort shows it, in the effort's unit over metres."""
 
@@ -87,10 +95,21 @@ class AxisDiagnosis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return self.choice.problem
 
 
-def fit_chosen_model(choice: ModelChoice) -> AxisDiagnosis:
-    """Fit the chosen model to every sample that counts, drop what does not agree with itself, and size the rest."""
+def fit_chosen_model(choice: ModelChoice, early: float = 0.0) -> AxisDiagnosis:
+    """Fit the chosen model to every sample that counts, drop what does not agree with itself, and size the rest.
+
+    `early` [s] is by how much the log is earlier than the drive of the file.
+    """
     choice, fitted = _with_even_gap(choice, fit_model(choice.problem, choice.fitted.model, choice.problem.counted))
     dropped: list[DroppedName] = []
+    if not _is_fed_forward(choice.problem, fitted, early):
+        early = 0.0
+    elif fitted.model.parts:
+        why = "a single loop is none that feeds its speed forward, whatever is added to it"
+        names = dict.fromkeys(part.hypothesis.name for part in fitted.model.parts)
+        dropped = [DroppedName(name=name, axis=choice.problem.axis.name, why=why) for name in names]
+        choice = replace(choice, stages=choice.stages[:1], standings=())
+        fitted = fit_model(choice.problem, choice.fitted.model, choice.problem.counted)
     between = gap_between(choice.problem) if _misses(choice.problem, fitted) else None
     while (off := _not_separate(choice, fitted) or _doubtful(choice, fitted, between)) is not None:
         number, words = off
@@ -112,8 +131,16 @@ def fit_chosen_model(choice: ModelChoice) -> AxisDiagnosis:
         found=tuple(found),
         dropped=tuple(dropped),
         sides=sides,
+        early=early,
         gain=_gain(problem, fitted),
     )
+
+
+def _is_fed_forward(problem: AxisProblem, fitted: FittedModel, early: float) -> bool:
+    """Return whether a log that a single loop misses is so early that its speed must be fed forward."""
+    plant = problem.plant
+    single = plant.loop.has_controller and plant.cascade is None
+    return single and early > EARLY * plant.c and _misses(problem, fitted)
 
 
 def _with_even_gap(choice: ModelChoice, fitted: FittedModel) -> tuple[ModelChoice, FittedModel]:

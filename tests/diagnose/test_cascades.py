@@ -62,6 +62,20 @@ def command_filter() -> Log:
     return record(KNOWN, average=8)
 
 
+def test_a_file_of_another_structure_is_said_and_nothing_is_made_of_it_but_what_both_sides_show() -> None:
+    machine = machine_of(KNOWN)
+    axis = machine.axes["X"]
+    single = replace(machine, axes={"X": replace(axis, servo=replace(axis.servo, cascade=None))})
+    found = diagnose(record(KNOWN, gap=2e-5, ways=SHORT), single)
+    assert named(found) == {"backlash": pytest.approx(0.020, rel=0.01)}
+    assert "earlier than the single loop of the file" in found.notes[0]
+    assert "ph-post identify finds" in found.notes[0]
+    # A cascade that feeds nothing forward is a single loop.
+    found = diagnose(record(Drive(), gap=2e-5, ways=SHORT), single)
+    assert named(found) == {"backlash": pytest.approx(0.020, rel=0.01)}
+    assert not any("single loop" in one for one in found.notes)
+
+
 OTHERS: list[tuple[Callable[[], Log], dict[str, float]]] = [
     (friction, {"coulomb_friction": 1e3 * 0.05 / (KNOWN.kv * KNOWN.wv)}),
     (friction_and_gap, {"backlash": 0.020, "coulomb_friction": 1e3 * 0.05 / (KNOWN.kv * KNOWN.wv)}),
