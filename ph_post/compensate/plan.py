@@ -249,12 +249,13 @@ class Planner:
                     break
             else:
                 high = (part, found.longer)
+        slowdown = (self._tail + (whole.longer - self._tail) / LEAD_SHARE) / end
         if best is None or best.part < LEAST_PART:
+            self._said = [plan_warnings.no_room_warning(whole.longer, slowdown)]
             return
         self._part, self._jerk = best.part, best.jerk
         self.baseline = self._on(best.feed_planner, best.valid)
         if self._part < 1.0:
-            slowdown = (self._tail + (whole.longer - self._tail) / LEAD_SHARE) / end
             self._said = [plan_warnings.lead_time_warning(self._part, whole.longer, slowdown)]
 
     def _baseline_for(self, requests: Sequence[ProfileRequest]) -> BaselinePlan:

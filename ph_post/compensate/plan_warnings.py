@@ -120,6 +120,20 @@ def lead_time_warning(part: float, time: float, slowdown: float) -> str:
     )
 
 
+def no_room_warning(time: float, slowdown: float) -> str:
+    """Warn of a motion that is as quick as without inverse dynamics, as room for that would add some time [s].
+
+    Examples
+    --------
+    >>> no_room_warning(0.18, 0.06)
+    'the time allowed leaves no room for inverse dynamics: that would add 0.18 s; --max-slowdown 0.061 allows it'
+    """
+    return (
+        f"the time allowed leaves no room for inverse dynamics: that would add {time:.3g} s; "
+        f"--max-slowdown {round_up(slowdown):g} allows it"
+    )
+
+
 def lost_lead_warning(lost: float, places: int, worst: float) -> str:
     """Warn of places where the command has no room for its inverse dynamics: how much is missing [m], and where [m].
 

@@ -235,9 +235,13 @@ def test_nearly_all_is_led_where_the_time_is_nearly_enough_for_all(monkeypatch: 
     assert 0.9 < less.lead < 1.0
 
 
-def test_what_a_warning_says_allows_all_of_the_lead() -> None:
+@pytest.mark.parametrize(
+    ("least", "words"), [(0.1, "of what the servo lags"), (0.9, "leaves no room for inverse dynamics")]
+)
+def test_what_a_warning_says_allows_all_of_the_lead(monkeypatch: pytest.MonkeyPatch, least: float, words: str) -> None:
+    monkeypatch.setattr(planning, "LEAST_PART", least)
     _, led = plans(meander(4), read_machine("mill"))
-    (said,) = (one for one in led.warnings if "of what the servo lags" in one)
+    (said,) = (one for one in led.warnings if words in one)
     allowed = float(said.split("--max-slowdown ")[1].split()[0])
     assert plans(meander(4), read_machine("mill"), max_slowdown=allowed)[1].lead == 1.0
 
