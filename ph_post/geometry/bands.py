@@ -26,6 +26,10 @@ FLAT: Final = 1e-12
 """Squared sine of a triangle's angle below which its edges are all that there is of it."""
 
 
+BOX: Final = 64
+"""Rows of a band that share a box, which is looked at before they are."""
+
+
 class Band:
     """The band between two ways that are run side by side.
 
@@ -44,6 +48,8 @@ class Band:
         kept = (np.ascontiguousarray(values[self._kept]) for values in (one, other, ways))
         self._kept = self._kept[_needed(*kept)]
         self._one, self._other, self._ways = (np.ascontiguousarray(values[self._kept]) for values in (one, other, ways))
+        self._low = -_highest(np.maximum(-self._one, -self._other))
+        self._high = _highest(np.maximum(self._one, self._other))
 
     def distances(self, points: Array, rows: IntArray, reach: float) -> Array:
         """Distances of points from the band, near the rows of its ways that the points belong to.
@@ -70,7 +76,16 @@ class Band:
         [0.1, 0.1]
         """
         near = np.searchsorted(self._kept, rows, side="right") - 1
-        return _distances(np.ascontiguousarray(points), near, self._one, self._other, self._ways, reach)
+        boxes = self._low, self._high
+        return _distances(np.ascontiguousarray(points), near, self._one, self._other, self._ways, boxes, reach)
+
+
+def _highest(places: Array) -> Array:
+    """Return the highest of each coordinate in every box: it goes from its first row to that of the following one."""
+    begins = np.arange(0, len(places), BOX)
+    found = np.maximum.reduceat(places, begins, axis=0)
+    found[:-1] = np.maximum(found[:-1], places[begins[1:]])
+    return found
 
 
 @compiled
@@ -105,23 +120,31 @@ def _is_straight(one: Array, other: Array, ways: Array, first: int, last: int) -
 
 
 @compiled
-def _distances(points: Array, near: IntArray, one: Array, other: Array, ways: Array, reach: float) -> Array:
+def _distances(
+    points: Array, near: IntArray, one: Array, other: Array, ways: Array, boxes: tuple[Array, Array], reach: float
+) -> Array:
     found = np.empty(points.shape[0])
     for n in range(points.shape[0]):
         point, begin = points[n], near[n]
-        least = _from_line(point, one[begin], other[begin])
+        first = _nearest_in_boxes(point, begin, one, other, ways, boxes, reach)
+        least = min(first, _from_line(point, one[begin], other[begin]))
         for step in (1, -1):
-            row, away = begin, _from_line(point, one[begin], other[begin])
+            row, away, box = begin, _from_line(point, one[begin], other[begin]), -1
             while 0 <= row + step < ways.size and abs(ways[row] - ways[begin]) <= reach:
                 following = row + step
                 apart = abs(ways[following] - ways[row])
+                own = min(row, following) // BOX
                 # What is too far away for anything as near as what is known is passed over, by ever longer steps.
                 if apart < away - least:
                     beyond = row + 2 * step
                     while 0 <= beyond < ways.size and abs(ways[beyond] - ways[row]) < away - least:
                         following, beyond = beyond, 2 * beyond - row
                     away -= abs(ways[following] - ways[row])
+                elif own != box and _from_box(point, boxes, own) > least:
+                    following = min(BOX * (own + 1), ways.size - 1) if step > 0 else BOX * own
+                    away = _from_box(point, boxes, own)
                 else:
+                    box = own
                     away = _from_line(point, one[following], other[following])
                     least = min(least, away)
                     if apart >= away - least:
@@ -130,6 +153,39 @@ def _distances(points: Array, near: IntArray, one: Array, other: Array, ways: Ar
                 row = following
         found[n] = least
     return found
+
+
+@inner
+def _nearest_in_boxes(
+    point: Array, begin: int, one: Array, other: Array, ways: Array, boxes: tuple[Array, Array], reach: float
+) -> float:
+    """Distance of a point from some row that is about the nearest, where there are many; infinite where there are few.
+
+    A point far away is nearly as far from all of them, so that each would have to be looked at.
+    """
+    first = np.searchsorted(ways, ways[begin] - reach)
+    last = np.searchsorted(ways, ways[begin] + reach, side="right") - 1
+    least, nearest = math.inf, -1
+    if last - first <= 4 * BOX:
+        return least
+    for box in range(first // BOX + 1, last // BOX):
+        away = _from_box(point, boxes, box)
+        if away < least:
+            least, nearest = away, box
+    found = math.inf
+    for row in range(BOX * nearest, BOX * nearest + BOX):
+        found = min(found, _from_line(point, one[row], other[row]))
+    return found
+
+
+@inner
+def _from_box(point: Array, boxes: tuple[Array, Array], box: int) -> float:
+    """Return a distance of a point than which nothing in a box is nearer, but for rounding."""
+    low, high = boxes
+    square = 0.0
+    for k in range(3):
+        square += max(low[box, k] - point[k], point[k] - high[box, k], 0.0) ** 2
+    return math.sqrt(square)
 
 
 @inner
