@@ -11,6 +11,7 @@ import numpy as np
 from ph_post.analysis.path_analysis import Analysis, analyse
 from ph_post.api.compensated_program import CompensatedProgram
 from ph_post.api.results import AxisReversals, count_reversals
+from ph_post.bounds import give_memory_back
 from ph_post.compensate.comparison import PASSED, crossings_at, strategy_at, window_number
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP
 from ph_post.edit.edits import Edits
@@ -71,6 +72,7 @@ def program_reversals(found: CompensatedProgram, machine: Machine, tolerance: fl
     tolerance : float
         ε of the windows [m].
     """
+    give_memory_back()
     done, edits = _done(found.windows), found.edits
     changes = None if edits is None or not edits.followed else _changes_of(edits)
     return [

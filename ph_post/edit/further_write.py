@@ -64,8 +64,8 @@ def write_further(
         return program.data
     decimals, least = max(plan.decimals for plan in changed), int(dialect.numbers.point)
     steps = {word: count * 10 ** (decimals - plan.decimals) for plan in changed for word, count in plan.shifts.items()}
-    word = np.array(sorted(steps), dtype=np.int64)
-    delta = np.array([steps[one] for one in word.tolist()], dtype=np.int64)
+    word = np.array(sorted(steps), dtype=np.int32)
+    delta = np.array([steps[one] for one in word.tolist()], dtype=np.int32)
     numbers = shifted_numbers(program, ShiftedWords(word=word, delta=delta), decimals, least)
     changes = [_change(program, plan, one, dialect) for plan in changed for one in plan.added]
     changes.sort(key=lambda change: change.block)

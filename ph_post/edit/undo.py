@@ -7,6 +7,7 @@ import binascii
 import hashlib
 import re
 import zlib
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Final
 
@@ -76,14 +77,37 @@ def original_of(program: PartProgram, name: str | None = None) -> PartProgram | 
 
 def restore(data: bytes, name: str) -> bytes:
     """Return what the payload of a program restores, without a check of the result."""
+    return b"".join(_restored(data, name))
+
+
+def restores(data: bytes, name: str, original: bytes) -> bool:
+    """Return true where the payload of a program restores its original, byte for byte, of which it makes no copy."""
+    place = 0
+    try:
+        for part in _restored(data, name):
+            if not original.startswith(part, place):
+                return False
+            place += len(part)
+    except InputError:
+        return False
+    return place == len(original)
+
+
+def _restored(data: bytes, name: str) -> Iterator[bytes]:
+    """Yield what the payload of a program restores, part by part."""
     payload, end, behind = read_payload(data, name)
     if payload.whole is not None:
-        return payload.whole
+        yield payload.whole
+        return
     try:
-        text = _Restorer(data, end, payload, declared_language(data)).run() + data[behind:]
+        last = b""
+        for part in _Restorer(data, end, payload, declared_language(data)).run():
+            yield last
+            last = part
     except (IndexError, ValueError) as error:
         raise InputError(name, "the program was changed after it was compensated, and cannot be undone") from error
-    return text[: len(text) - (2 if text.endswith(b"\r\n") else 1)] if payload.bare else text
+    last += data[behind:]
+    yield last[: len(last) - (2 if last.endswith(b"\r\n") else 1)] if payload.bare else last
 
 
 class _Restorer:
@@ -111,8 +135,8 @@ class _Restorer:
         # A language of another grammar has words of its own, which only the whole of a program says.
         self._words = None if language.read is None else language.read(data, "").words
 
-    def run(self) -> bytes:
-        """Return the original.
+    def run(self) -> Iterator[bytes]:
+        """Yield the original, part by part.
 
         Raises
         ------
@@ -120,10 +144,10 @@ class _Restorer:
             Where the text is not what the payload was made for.
         """
         last = self._lines.size - 1
-        text = b"".join(self._part(low, min(low + _LINES, last)) for low in range(0, last, _LINES))
+        for low in range(0, last, _LINES):
+            yield self._part(low, min(low + _LINES, last))
         if self._code != self._codes.size:
             raise ValueError(self._code)
-        return text
 
     def _find_changes(self, end: int) -> tuple[BoolArray, IntArray]:
         """Mark the lines that were added (n,); and by line the span of the removed text they replaced (n, 2)."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ph_post.compiling import compiled, inner
 from ph_post.edit.edits import MotionEdit, StopEdit
-from ph_post.gcode.program import ARC, AXES, RAPID, PartProgram
+from ph_post.gcode.program import ARC, AXES, RAPID, PartProgram, PlaceArray
 from ph_post.types import Array, IntArray
 
 MOST_DECIMALS: Final = 15
@@ -76,41 +76,34 @@ def _read_style(data: Any, start: Any, end: Any, digits: Any, decimals: Any) -> 
 
 
 @compiled
-def shift_numbers(data: Any, columns: Any, word: Any, number: Any, table: Any) -> Any:
+def shift_numbers(data: Any, columns: Any, number: Any, table: Any, texts: Any, spelling: Any) -> Any:
     """Add offsets to the numbers of words.
 
     Parameters
     ----------
     data : uint8 array
     columns : tuple
-        `start` and `end` of all words, `digits` and `decimals` of those that change.
-    word : int array, shape (n,)
-        The words that change.
+        `start`, `end`, `digits` and `decimals` of the words that change, shape (n,).
     number : int array, shape (n,)
         Row of `table` that is added to each.
     table : int array, shape (k, 2)
         Steps, and the decimals of a step.
-
-    Returns
-    -------
-    pool, bounds : uint8 array, int array (n + 1,)
-        New text, and where that of each number begins.
-    style, odd : uint16 array, uint8 array, shape (n,)
-        Spelling of the numbers.
+    texts : tuple
+        `pool`, uint8 array, for the new text, and `bounds`, int array (n + 1,), for where that of each number begins,
+        which has the first one.
+    spelling : tuple
+        `style` and `odd`, uint16 and uint8 arrays (n,), for the spelling of the numbers.
     """
     start, end, digits, decimals = columns
-    count = word.size
-    pool, bounds = np.empty(LONGEST * count + LONGEST, np.uint8), np.zeros(count + 1, np.int64)
-    style, odd = np.empty(count, np.uint16), np.zeros(count, np.uint8)
-    for n in range(count):
-        w, steps, places = word[n], table[number[n], 0], table[number[n], 1]
+    (pool, bounds), (style, odd) = texts, spelling
+    for n in range(number.size):
+        steps, places = table[number[n], 0], table[number[n], 1]
         own = np.int64(decimals[n])
-        manner, strange = _read_style(data, np.int64(start[w]), np.int64(end[w]), digits[n], own)
+        manner, strange = _read_style(data, np.int64(start[n]), np.int64(end[n]), digits[n], own)
         style[n], odd[n] = manner, strange
         wide = max(own, places)
         value = digits[n] * _power(wide - own) + steps * _power(wide - places)
         bounds[n + 1] = _compose(value, (manner >> 5 << 5) | wide, pool, bounds[n])
-    return pool[: bounds[-1]].copy(), bounds, style, odd
 
 
 @inner
@@ -123,7 +116,7 @@ def _power(places: Any) -> Any:
 
 @compiled
 def unshift_numbers(digits: Any, decimals: Any, number: Any, table: Any, style: Any) -> Any:
-    """Take offsets back from numbers: text and bounds as in :func:`shift_numbers`, and how many numbers do not fit."""
+    """Take offsets back from numbers: their text, where that of each begins, and how many numbers do not fit."""
     count, wrong = digits.size, 0
     pool, bounds = np.empty(LONGEST * count + LONGEST, np.uint8), np.zeros(count + 1, np.int64)
     for n in range(count):
@@ -203,8 +196,8 @@ class MotionOffsets(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class ShiftedWords(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Words that change, and by how many steps."""
 
-    word: IntArray
-    delta: IntArray
+    word: PlaceArray
+    delta: PlaceArray
 
 
 def motion_offsets(offset: Array, tasks: Sequence[MotionEdit], step: float) -> MotionOffsets:
@@ -259,7 +252,7 @@ def shifted_words(program: PartProgram, found: MotionOffsets) -> ShiftedWords:
     its own.
     """
     words, motions = program.words, program.motions
-    owner = np.full(program.blocks, -1, dtype=np.int64)
+    owner = np.full(program.blocks, -1, dtype=np.int32)
     owner[motions.block] = np.arange(motions.block.size)
     for line, arc in program.centre_lines.items():
         owner[line] = owner[arc]
@@ -298,7 +291,7 @@ def _delta(letter: Any, absolute: Any, arc_absolute: Any, k: Any, kind: Any, aft
 def _gather(words: Any, owner: Any, absolute: Any, arc_absolute: Any, kind: Any, after: Any, word: Any) -> Any:
     """Find the X, Y, Z, I, J and K words of shifted motions, and their shifts; counted first, then written."""
     letter, block, decimals = words
-    found, delta, size = np.empty(0, np.int64), np.empty(0, np.int64), 0
+    found, delta, size = np.empty(0, np.int32), np.empty(0, np.int32), 0
     for write in range(2):
         size = 0
         for w in range(letter.size):
@@ -311,7 +304,7 @@ def _gather(words: Any, owner: Any, absolute: Any, arc_absolute: Any, kind: Any,
                     found[size], delta[size] = w, more
                 size += 1
         if not write:
-            found, delta = np.empty(size, np.int64), np.empty(size, np.int64)
+            found, delta = np.empty(size, np.int32), np.empty(size, np.int32)
     return found, delta
 
 

@@ -18,8 +18,9 @@ from ph_post.edit.block_words import line_end
 from ph_post.edit.changes import Change, ChangeWriter
 from ph_post.edit.edits import EditOptions, Edits, schedule, stops_written
 from ph_post.edit.preconditions import own_setting, program_units, word_decimals
-from ph_post.edit.undo import Payload, payload_lines, restore, without_payload
+from ph_post.edit.undo import Payload, payload_lines, restores, without_payload
 from ph_post.edit.word_shifts import (
+    LONGEST,
     MOST_DECIMALS,
     ShiftedWords,
     assemble,
@@ -30,7 +31,7 @@ from ph_post.edit.word_shifts import (
 )
 from ph_post.errors import InputError
 from ph_post.gcode.lexer import split_lines
-from ph_post.gcode.program import ByteArray, PartProgram
+from ph_post.gcode.program import ByteArray, PartProgram, PlaceArray
 from ph_post.gcode.working import working_motions
 from ph_post.types import ROTARY_AXES, Array, IntArray, Machine, sealed
 from ph_post.units import MM
@@ -54,6 +55,9 @@ UNTURNED: Final = "holds for work offsets that are not rotated, mirrored or scal
 FIXED: Final = "holds where rotary axes do not move X, Y and Z, nor hold the tip of the tool in its place"
 """Note in the head of programs with words of rotary axes: their kinematics are the controller's affair."""
 
+_PART: Final = 1 << 16
+"""Words that are shifted at a time."""
+
 _LARGEST: Final = 10**13
 """Numbers of more digits than this would not survive the sum with an offset."""
 
@@ -64,7 +68,7 @@ FINEST: Final = 9
 class ShiftedNumbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Shifted numbers by word: their new text in `pool`, `bounds` in it, and the data that the inverse needs."""
 
-    word: IntArray
+    word: PlaceArray
     number: ByteArray
     pool: ByteArray
     bounds: IntArray
@@ -109,7 +113,7 @@ def apply_edits(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
         return program.data
     _refuse_marks(program)
     text = _write_text(program, edits, dialect, declaration)
-    if _restores(text, program):
+    if restores(text, program.name, program.data):
         return text
     return _with_payload(program, without_payload(text, program.name), Payload(whole=program.data), dialect)
 
@@ -137,7 +141,7 @@ def apply_changes(program: PartProgram, changes: Iterable[Change], dialect: Dial
     numbers = shifted_numbers(program, shifted_words(program, found), 0, int(dialect.numbers.point))
     ordered = sorted(changes, key=lambda change: change.block)
     text = _with_payload(program, *_assemble_text(program, numbers, ordered, dialect, declaration), dialect)
-    if _restores(text, program):
+    if restores(text, program.name, program.data):
         return text
     return _with_payload(program, without_payload(text, program.name), Payload(whole=program.data), dialect)
 
@@ -158,6 +162,17 @@ def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
         raise InputError(program.name, "the program moves in both mm and inches: no offset can be added")
     decimals = word_decimals(dialect, units[0])
     step = units[0] * 10.0**-decimals
+    numbers, changes = _numbers_and_changes(program, edits, dialect, declaration, decimals, step)
+    if declaration.closing:
+        label = "own compensation"
+        changes.append(Change(block=program.blocks, removed=0, lines=[declaration.closing], label=[label]))
+    return _with_payload(program, *_assemble_text(program, numbers, changes, dialect, declaration), dialect)
+
+
+def _numbers_and_changes(
+    program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration, decimals: int, step: float
+) -> tuple[ShiftedNumbers, list[Change]]:
+    """Return the numbers that offsets change, and the lines that are written anew, in order."""
     tasks = schedule(edits, program.motions, step)
     found = motion_offsets(edits.offset, tasks, step)
     numbers = shifted_numbers(program, shifted_words(program, found), decimals, int(dialect.numbers.point))
@@ -171,21 +186,7 @@ def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
         lambda block: numbers.text(program, block),
     )
     changes = list(writer.write(tasks))
-    changes = sorted([*changes, *writer.centres(changes)], key=lambda change: change.block)
-    if declaration.closing:
-        label = "own compensation"
-        changes.append(Change(block=program.blocks, removed=0, lines=[declaration.closing], label=[label]))
-    body, payload = _assemble_text(program, numbers, changes, dialect, declaration)
-    program.source.let_go()
-    return _with_payload(program, body, payload, dialect)
-
-
-def _restores(text: bytes, program: PartProgram) -> bool:
-    """Return true where the inverse gives the original, byte for byte."""
-    try:
-        return restore(text, program.name) == program.data
-    except InputError:
-        return False
+    return numbers, sorted([*changes, *writer.centres(changes)], key=lambda change: change.block)
 
 
 def shifted_numbers(program: PartProgram, changed: ShiftedWords, decimals: int, least: int) -> ShiftedNumbers:
@@ -193,16 +194,24 @@ def shifted_numbers(program: PartProgram, changed: ShiftedWords, decimals: int, 
     words, word = program.words, changed.word
     table, number = _distinct(changed.delta)
     delta = np.array([_trimmed(count, decimals, least) for count in table.tolist()], dtype=np.int64).reshape(-1, 2)
-    digits, places, many = _rounded_digits(program, word)
-    columns = words.start, words.end, digits, places
     data = np.frombuffer(program.data, np.uint8)
-    pool, bounds, style, odd = shift_numbers(data, columns, word, number, delta)
-    odd[many] = 1
+    # What is not written of it takes no memory.
+    pool, bounds = np.empty(LONGEST * word.size, np.uint8), np.zeros(word.size + 1, np.int64)
+    style, odd = np.empty(word.size, np.uint16), np.zeros(word.size, np.uint8)
+    for first in range(0, word.size, _PART):
+        part = slice(first, first + _PART)
+        own = word[part]
+        digits, places, many = _rounded_digits(program, own)
+        columns = words.start[own], words.end[own], digits, places
+        texts = pool, bounds[first : first + own.size + 1]
+        shift_numbers(data, columns, number[part], delta, texts, (style[part], odd[part]))
+        odd[first + many] = 1
+    pool = pool[: bounds[-1]]
     pairs = tuple((int(steps), int(places)) for steps, places in delta.tolist())
     return ShiftedNumbers(word=word, number=number, pool=pool, bounds=bounds, style=style, odd=odd, delta=pairs)
 
 
-def _rounded_digits(program: PartProgram, word: IntArray) -> tuple[IntArray, NDArray[np.int16], IntArray]:
+def _rounded_digits(program: PartProgram, word: PlaceArray) -> tuple[IntArray, NDArray[np.int16], IntArray]:
     """Digits and decimals of words, and those of so many that no offset can be added: without the last ones."""
     digits, decimals = program.words.digits_of(word), program.words.decimals[word]
     many = np.flatnonzero((np.abs(digits) > _LARGEST) | (decimals > MOST_DECIMALS))
@@ -217,7 +226,7 @@ def _rounded_digits(program: PartProgram, word: IntArray) -> tuple[IntArray, NDA
     return digits, decimals, many
 
 
-def _distinct(delta: IntArray) -> tuple[IntArray, ByteArray]:
+def _distinct(delta: PlaceArray) -> tuple[PlaceArray, ByteArray]:
     """Distinct values, of which there are few, and the number of each value among them."""
     if delta.size == 0:
         return delta, np.zeros(0, dtype=np.uint8)
@@ -228,7 +237,7 @@ def _distinct(delta: IntArray) -> tuple[IntArray, ByteArray]:
     found = np.flatnonzero(np.bincount(delta - low))
     place = np.zeros(int(found[-1]) + 1, dtype=np.uint8)
     place[found] = np.arange(found.size)
-    return found + low, place[delta - low]
+    return (found + low).astype(np.int32), place[delta - low]
 
 
 def _trimmed(count: int, decimals: int, least: int) -> tuple[int, int]:
@@ -242,12 +251,12 @@ def _assemble_text(
     program: PartProgram, numbers: ShiftedNumbers, changes: list[Change], dialect: Dialect, declaration: Declaration
 ) -> tuple[bytes, Payload]:
     """Assemble the new text, and the payload that undoes it."""
-    end, line = line_end(program), head_line(program)
-    data = program.data if program.data.endswith((b"\n", b"\r")) else program.data + end.encode()
+    ending, line = line_end(program), head_line(program)
+    data = program.data if program.data.endswith((b"\n", b"\r")) else program.data + ending.encode()
     lines = np.append(program.lines[:-1], len(data))
     head = declaration_lines(declaration, dialect.syntax.max_line, dialect.syntax.comments)
     head += declaration.commands
-    texts = [join_lines(head, end), *(join_lines(_change_lines(change, dialect), end) for change in changes)]
+    texts = [join_lines(head, ending), *(join_lines(_change_lines(change, dialect), ending) for change in changes)]
     places = [(line, line), *((change.block, change.block + change.removed) for change in changes)]
     outside = np.ones(program.blocks + 1, dtype=np.bool_)
     for first, last in places:
@@ -255,16 +264,6 @@ def _assemble_text(
     sizes = np.append(0, np.cumsum([len(text) for text in texts]))
     spans = np.column_stack([lines[np.array(places)], sizes[:-1], sizes[1:]]).astype(np.int64)
     words, kept = program.words, outside[program.words.block[numbers.word]]
-    out = assemble(
-        np.frombuffer(data, np.uint8),
-        words.start[numbers.word] + 1,
-        words.end[numbers.word],
-        sealed(numbers.pool),
-        numbers.bounds,
-        spans,
-        np.frombuffer(b"".join(texts), np.uint8),
-    )
-    _check_lines(program, out, dialect)
     odd = np.flatnonzero(numbers.odd[kept])
     payload = Payload(
         head=(line, len(head)),
@@ -278,6 +277,13 @@ def _assemble_text(
             for n, word in zip(odd.tolist(), numbers.word[kept][odd].tolist(), strict=True)
         },
     )
+    start, end = words.start[numbers.word] + 1, words.end[numbers.word]
+    # The words are several times as large as the text, of which there will be three.
+    del words
+    program.source.let_go()
+    text = np.frombuffer(b"".join(texts), np.uint8)
+    out = assemble(np.frombuffer(data, np.uint8), start, end, sealed(numbers.pool), numbers.bounds, spans, text)
+    _check_lines(program, out, dialect)
     return out.tobytes(), payload
 
 

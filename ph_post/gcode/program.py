@@ -253,7 +253,7 @@ class WordTable(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Digits of all words, 0 of what is no plain number, shape (w,)."""
         return self.digits_of(slice(None))
 
-    def digits_of(self, rows: slice | IntArray) -> IntArray:
+    def digits_of(self, rows: slice | IntArray | PlaceArray) -> IntArray:
         """Return the digits of some words, shape (k,)."""
         found = whole_numbers(self.value[rows], self.decimals[rows])
         if self.long:

@@ -270,6 +270,7 @@ def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartPr
     plain = language.hidden(data)
     lexed = _lexed(plain, lines, language)
     blocks = _resolve(lexed, plain, language)
+    del plain  # as large as the program
     motions = _make_motions(_in_radii(lexed) if language.diameters else lexed, blocks)
     notes = find_notes(lexed, data, blocks)
     if strict and notes:

@@ -316,13 +316,19 @@ def _follow_shifts(
     latest = np.zeros(number + 1, dtype=np.int32)
     latest[new + 1] = new + 1
     latest = np.maximum.accumulate(latest)
-    before, after = np.empty((number, 3)), np.empty((number, 3))
+    shift, apart = np.empty((number + 1, 3)), {}
+    before, after = shift[:-1], shift[1:]
     for axis in range(3):  # one by one, each in a call of its own: there may be a million motions
-        shift = _shift_of(one.end[:, axis], other.start[:, axis], other.end[:, axis], (old, new, latest), jog)
-        before[:, axis], after[:, axis] = shift[:-1], shift[1:]
-        del shift
+        shift[:, axis] = _shift_of(one.end[:, axis], other.start[:, axis], other.end[:, axis], (old, new, latest), jog)
         begins = np.nan_to_num(other.start[paired, axis] - one.start[old[: paired.size], axis])
-        before[paired, axis] = begins
+        if not np.array_equal(before[paired, axis], begins):
+            apart[axis] = begins
+        del begins
+    if apart:
+        # Otherwise each begins with the shift with which the last one ends: one array has both.
+        before = before.copy()
+        for axis, begins in apart.items():
+            before[paired, axis] = begins
     return before, after
 
 

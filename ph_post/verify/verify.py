@@ -209,6 +209,7 @@ def _compare(case: VerifyCase, machine: Machine | None) -> None:
     pairing = pair_motions(case, dwells)
     if pairing is None:
         return
+    give_memory_back()
     check_pairs(case, pairing)
     check_known(case, pairing)
     check_amounts(case, pairing)

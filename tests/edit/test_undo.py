@@ -15,7 +15,7 @@ from ph_post.drive.machinefile import read_machine
 from ph_post.edit import write
 from ph_post.edit.edits import DipEdit, Edits, OffsetShift, StopEdit, merge_edits
 from ph_post.edit.undo import Payload, payload_lines, read_payload, undo
-from ph_post.edit.word_shifts import assemble, shift_numbers, unshift_numbers
+from ph_post.edit.word_shifts import LONGEST, assemble, shift_numbers, unshift_numbers
 from ph_post.errors import InputError
 from ph_post.types import sealed
 
@@ -135,7 +135,7 @@ def test_a_program_changed_by_hand_is_not_undone(old: bytes, new: bytes) -> None
 
 
 def test_where_the_inverse_fails_the_whole_original_is_packed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(write, "restore", lambda text, name: b"")
+    monkeypatch.setattr(write, "restores", lambda text, name, original: False)
     found = compensate(PROGRAM, STEPPER).text
     assert read_payload(found, "slot.ngc")[0].whole == PROGRAM
     assert undo(found, "slot.ngc") == PROGRAM
@@ -151,9 +151,20 @@ def test_payloads_of_any_size(width: int, size: int) -> None:
 
 
 def word_of(end: int, digits: int, decimals: int) -> tuple[np.ndarray, ...]:
-    """Columns of one word as the reader makes them: for others the compiler would run again."""
+    """Columns of one word as the writer takes them: for others the compiler would run again."""
     kinds = (np.int32, np.int32, np.int64, np.int16)
-    return tuple(sealed(np.array([one], kind)) for one, kind in zip((0, end, digits, decimals), kinds, strict=True))
+    return tuple(np.array([one], kind) for one, kind in zip((0, end, digits, decimals), kinds, strict=True))
+
+
+def shifted(data: np.ndarray, columns: tuple[np.ndarray, ...], shift: list[int]) -> tuple[str, np.ndarray, bool]:
+    """Text, style and oddness of the number of a word to which a shift was added."""
+    pool, bounds = np.empty(LONGEST, np.uint8), np.zeros(2, np.int64)
+    style, odd = np.empty(1, np.uint16), np.zeros(1, np.uint8)
+    shift_numbers(data, columns, FIRST, np.array([shift]), (pool, bounds), (style, odd))
+    return pool[: bounds[1]].tobytes().decode(), style, bool(odd[0])
+
+
+FIRST = np.zeros(1, dtype=np.uint8)
 
 
 @pytest.mark.parametrize(
@@ -174,13 +185,11 @@ def word_of(end: int, digits: int, decimals: int) -> tuple[np.ndarray, ...]:
 )
 def test_styles_of_numbers(text: str, digits: int, decimals: int, odd: bool) -> None:
     data, columns = np.frombuffer(text.encode(), np.uint8), word_of(len(text), digits, decimals)
-    first, number, nothing = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.uint8), np.array([[0, 0]])
-    pool, bounds, style, found = shift_numbers(data, columns, first, number, nothing)
-    assert bool(found[0]) == odd
+    number, style, found = shifted(data, columns, [0, 0])
+    assert found == odd
     if not odd:
-        assert pool.tobytes().decode() == text[1:]
-        assert bounds.tolist() == [0, len(text) - 1]
-        back, _, wrong = unshift_numbers(*columns[2:], number, nothing, sealed(style))
+        assert number == text[1:]
+        back, _, wrong = unshift_numbers(*map(sealed, columns[2:]), FIRST, np.array([[0, 0]]), sealed(style))
         assert (back.tobytes().decode(), wrong) == (text[1:], 0)
 
 
@@ -190,9 +199,7 @@ def test_sums_are_exact(number: str, shift: tuple[int, int]) -> None:
     decimals = len(number.partition(".")[2])
     digits = int(number.replace(".", ""))
     data = np.frombuffer(f"X{number}".encode(), np.uint8)
-    first, row, table = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.uint8), np.array([shift])
-    columns = word_of(data.size, digits, decimals)
-    text = shift_numbers(data, columns, first, row, table)[0].tobytes().decode()
+    text, _, _ = shifted(data, word_of(data.size, digits, decimals), list(shift))
     assert Decimal(text) == Decimal(number) + Decimal(shift[0]).scaleb(-shift[1])
     assert len(text.partition(".")[2]) == max(decimals, shift[1])
 
