@@ -2,6 +2,6 @@
 
 import sys
 
-from ph_post.cli.main import main
+from ph_post.cli.main import console_main
 
-sys.exit(main())
+sys.exit(console_main())

@@ -86,8 +86,6 @@ def cli() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 0 done, 1 difference or miss, 2 bad usage or input."""
-    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
-    atexit.register(gc.freeze)  # a process that ends has no use for a last look at them
     state: dict[str, bool] = {}  # what a command says of itself: "debug", "one_line"
     try:
         result = cli.main(arguments, prog_name="ph-post", standalone_mode=False, obj=state)
@@ -111,14 +109,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return result if isinstance(result, int) else 0
 
 
+def console_main() -> int:
+    """Run ``ph-post`` in a process of its own."""
+    return _process(sys.argv[1:])
+
+
 def filter_main() -> int:
     """Run ``ph-post-filter``, the command that the screens of LinuxCNC call."""
-    return main(["filter", *sys.argv[1:]])
+    return _process(["filter", *sys.argv[1:]])
 
 
 def slicer_main() -> int:
     """Run ``ph-post-slicer``, the command that slicers call."""
-    return main(["slicer", *sys.argv[1:]])
+    return _process(["slicer", *sys.argv[1:]])
+
+
+def _process(arguments: Sequence[str]) -> int:
+    """Run the command line as all that a process does."""
+    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
+    atexit.register(gc.freeze)  # a process that ends has no use for a last look at them
+    return main(arguments)
 
 
 def _refuse_stream(error: OSError) -> int:
