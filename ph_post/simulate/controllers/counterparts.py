@@ -16,13 +16,14 @@ APPROACH: Final = 3.0
 
 
 class Counterparts(NamedTuple):
-    """What each motion (m,) of a program stands for.
+    """What each motion (m,) of a `program` stands for.
 
     Those of the original from `first` to before `end`; none where that is not behind `first`, as of what was only added
     there. Motions that stand for the same ones are one `stretch`, of which each has the number. `changed` are those in
     lines that a mark names.
     """
 
+    program: PartProgram
     first: IntArray
     end: IntArray
     stretch: IntArray
@@ -45,7 +46,7 @@ def counterparts(program: PartProgram, original: PartProgram, gaps: Mapping[str,
     """
     if program.data == original.data:
         every = np.arange(program.motions.kind.size)
-        return Counterparts(every, every + 1, every, np.zeros(every.size, dtype=np.bool_))
+        return Counterparts(program, every, every + 1, every, np.zeros(every.size, dtype=np.bool_))
     origins = line_origins(program, original)
     blocks, theirs = program.motions.block, original.motions.block
     if origins is None or not blocks.size or (np.diff(blocks) < 0).any() or (np.diff(theirs) < 0).any():
@@ -56,6 +57,7 @@ def counterparts(program: PartProgram, original: PartProgram, gaps: Mapping[str,
     # Motions that stand for the same lines, in the air or not, are one stretch, and so is what is added between two.
     known = np.stack([origins.first[blocks], origins.end[blocks], turn], axis=1)
     return Counterparts(
+        program=program,
         first=np.maximum(np.searchsorted(theirs, known[:, 0]), np.searchsorted(turns, turn)),
         end=np.minimum(np.searchsorted(theirs, known[:, 1]), np.searchsorted(turns, turn, side="right")),
         stretch=np.cumsum((np.diff(known, axis=0, prepend=-1) != 0).any(axis=1)) - 1,

@@ -119,24 +119,21 @@ class CutPath:
         self._works = working_motions(program, machine.tool).on
         self.program = program
 
-    def follow(
-        self, command: Command, moved_by: PartProgram | None = None, known: Counterparts | None = None
-    ) -> tuple[IntArray, Array]:
+    def follow(self, command: Command, known: Counterparts | None = None) -> tuple[IntArray, Array]:
         """Leg of every row of a command, and its place along the program [m].
 
-        Where it is `known` what the motions stand for that its `segment` numbers, those of the program that it is
-        `moved_by`, none loses its place: in a sharp corner, where the command is shifted, the way back may be as near
-        as the way on.
+        Where it is `known` what the motions stand for that its `segment` numbers, none loses its place: in a sharp
+        corner, where the command is shifted, the way back may be as near as the way on.
         """
         position = self.in_space(command.axes, command.position)
         reach = self._reach(command.axes, command.position)
         low = np.zeros(len(position))
-        if known is not None and moved_by is not None:
+        if known is not None:
             motion = np.maximum(command.segment, 0)
             # Rows of a rounded corner are all of one motion, however many it cuts short.
             rounded = 0.5 * WIDE + np.diff(command.s, prepend=0.0)
             low = self.joint_places(known.first[motion]) - reach
-            low += np.maximum(_least_ways(command, position, moved_by, known, reach), -rounded)
+            low += np.maximum(_least_ways(command, position, known, reach), -rounded)
         return follow_path(self._pieces, self.starts, position, low, reach, WIDE)
 
     def closest_on_motions(self, position: Array, place: Array, first: IntArray, end: IntArray) -> Array:
@@ -249,13 +246,13 @@ class CutPath:
         return full
 
 
-def _least_ways(command: Command, position: Array, moved_by: PartProgram, known: Counterparts, reach: float) -> Array:
+def _least_ways(command: Command, position: Array, known: Counterparts, reach: float) -> Array:
     """Return how far every row (n,) is behind where its motion begins, at least, −inf where that is not known [m].
 
     A cut that begins where its motion does goes on along the path as far as it has come, but for its offset. What was
     only added between two motions goes nowhere along it.
     """
-    motion, motions = np.maximum(command.segment, 0), moved_by.motions
+    motion, motions = np.maximum(command.segment, 0), known.program.motions
     fresh = np.append(True, np.diff(motion) != 0)
     begin = np.flatnonzero(fresh)[np.cumsum(fresh) - 1]
     late = np.linalg.norm(position[begin] - motions.start[motion], axis=1)
@@ -267,9 +264,9 @@ class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A command beside the path of a program: where it is in every row, and whether the error counts there.
 
     `command` has the axes that move. `motion` is the number of the program's motion that every row belongs to,
-    `place` how far along the program [m], `counted` the rows of :class:`ProgramError`. `moved_by` is the program that
-    made the command, None where its `segment` does not number motions of that; `known` is what these stand for. `runs`
-    are those of the command, `distances` those of their tables from the path, and `errors` what was found of them.
+    `place` how far along the program [m], `counted` the rows of :class:`ProgramError`. `known` is what the motions
+    stand for that its `segment` numbers, None where it numbers none, or that is not known. `runs` are those of
+    the command, `distances` those of their tables from the path, and `errors` what was found of them.
     """
 
     command: Command
@@ -278,7 +275,6 @@ class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     motion: IntArray
     place: Array
     counted: BoolArray
-    moved_by: PartProgram | None = None
     known: Counterparts | None = None
     runs: Runs
     distances: AlikeRows
@@ -318,7 +314,7 @@ def follow_cut(
     command = moving_axes(command)
     path = CutPath(program, machine)
     known = None if moved_by is None else path.counterparts(moved_by, command)
-    leg, place = path.follow(command, moved_by, known)
+    leg, place = path.follow(command, known)
     motion, cuts = path.legs.motion[leg].astype(np.int64), path.cuts(leg, place, command, moved_by)
     counted = cuts & (command.t >= settling_time(machine, command.axes))
     counted &= known_rows(program, motion, command.position, cuts, path.gaps(command))
@@ -332,7 +328,6 @@ def follow_cut(
         motion=motion,
         place=place,
         counted=counted,
-        moved_by=moved_by,
         known=known,
         runs=Runs(command, machine),
         distances=AlikeRows(lambda table, rows: path.closest_to(command.axes, table, place[rows], reach[rows])[0]),

@@ -95,11 +95,11 @@ def _without_offsets(cut: FollowedCut, plain: FollowedCut) -> tuple[Command, Com
     A line that is not changed carries what it begins and ends with. In a changed stretch a crossing leaves the path:
     there they go the original's way and the path, as far as the command goes its own.
     """
-    program, path, command, known = cut.moved_by, cut.path, cut.command, cut.known
-    if program is None or known is None or plain.known is None:
+    path, command, known = cut.path, cut.command, cut.known
+    if known is None or plain.known is None:
         return None
     last = np.flatnonzero(np.diff(known.stretch, append=-1))
-    offset = _ends(program, last + 1) - _ends(path.program, known.end[last])
+    offset = _ends(known.program, last + 1) - _ends(path.program, known.end[last])
     offset = np.concatenate([np.zeros((1, len(AXES))), np.nan_to_num(offset)])
     motion = np.maximum(command.segment, 0)
     own, share, place = _passed(cut, known)
