@@ -8,12 +8,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+import numpy as np
+
 from ph_post.api.expansion import WRITTEN_AS_LINUXCNC
 from ph_post.api.inputs import COMPENSATED_BEFORE, Source
 from ph_post.api.options import CompensateOptions
 from ph_post.api.results import AxisReversals, MotionResult, ReversalCount
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan_warnings import PASSED_SLOWER
+from ph_post.dialects.base import Dialect
 from ph_post.errors import NotCompensatedError
 from ph_post.expand.writing import EXPANDED
 from ph_post.files.check import counted
@@ -181,6 +184,17 @@ def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) 
     if base in WRITTEN_AS_LINUXCNC and any(note.what.startswith(_CUTTER) for note in notes):
         said.append(f"{'' if expanded else '--expand '}--tool-table FILE works out cutter compensation")
     return (f"{counted(len(notes), 'stretch', 'stretches')} passed through unchanged ({'; '.join(said)})",)
+
+
+def units_notes(program: PartProgram, dialect: Dialect) -> tuple[str, ...]:
+    """Say that lengths are taken for mm where a program does not say its units, and the controller may have others."""
+    said, words = dialect.notices.units, program.words
+    if not said or bool(((words.letter == ord("G")) & np.isin(words.value, said)).any()):
+        return ()
+    return (
+        f"the program says neither G{said[0]} nor G{said[1]}: its lengths are taken for mm; where the controller "
+        "counts in inches, every change is 25.4 times too large",
+    )
 
 
 def left_words(rows: Sequence[AxisReversals], warnings: Sequence[str], notes: Sequence[str]) -> str:

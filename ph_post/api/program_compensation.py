@@ -11,13 +11,14 @@ from ph_post.api.expansion import expanded_job
 from ph_post.api.further_axes import ShiftedJob, shifted_job
 from ph_post.api.inputs import Source, machine_named, program_in, raw_job
 from ph_post.api.options import CompensateOptions
-from ph_post.api.outcomes import Compensation, left_words, passed_through
+from ph_post.api.outcomes import Compensation, left_words, passed_through, units_notes
 from ph_post.api.path_compensation import PathCompensation, compensated_path
 from ph_post.api.programs import compensate_program
 from ph_post.api.results import AxisReversals, MotionResult
 from ph_post.api.reversals import ProgramReversal, count_program_reversals, program_reversals
 from ph_post.compensate.options import PlanOutput
 from ph_post.dialects.planners import planner_notes
+from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import gravity_notes
 from ph_post.files.storage import SourceBytes
 from ph_post.gcode.program import PartProgram
@@ -138,7 +139,8 @@ class ProgramCompensation(Compensation):
         if self.output == "table":
             return self.longest.warnings
         said = (*gravity_notes(self.machine, moved_axes(self.original)), *planner_notes(self.machine))
-        return (*self.expansion[1], *self.shifted.warnings, *self.edited.warnings, *said)
+        units = () if self.unchanged else units_notes(self.original, find_dialect(self.machine.dialect))
+        return (*self.expansion[1], *self.shifted.warnings, *self.edited.warnings, *units, *said)
 
     @property
     def axis_reversals(self) -> tuple[AxisReversals, ...]:

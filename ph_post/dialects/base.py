@@ -291,6 +291,9 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
         The settings of all that the controller compensates by itself, for test programs; empty as above.
     arc_setting : str
         The setting by which the controller draws arcs in finer chords; empty where it draws arcs.
+    units : tuple of int
+        G words by which programs say their units; empty where they say so by other words, or the controller
+        begins in mm whatever it was told before.
     """
 
     assumed: tuple[str, ...] | None = None
@@ -301,6 +304,7 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
     own_compensation: str = ""
     own_tables: str = ""
     arc_setting: str = ""
+    units: tuple[int, ...] = ()
 
     def closing(self, part: float) -> str:
         """Return the command with which the controller corrects `part` of its backlash again.

@@ -180,7 +180,9 @@ DIALECT = Dialect(
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=7),
     notices=Notices(
-        own_compensation="BACKLASH in LinuxCNC's ini file", own_tables="BACKLASH and COMP_FILE in the ini file"
+        own_compensation="BACKLASH in LinuxCNC's ini file",
+        own_tables="BACKLASH and COMP_FILE in the ini file",
+        units=(20, 21),
     ),
     recording=Recording(lines=halsampler_lines, ending=".txt", has_command=True),
     language=Language(effects=dict.fromkeys(_USERS, codes.RUNS) | dict.fromkeys(_KINEMATICS, codes.SWITCHES)),

@@ -11,6 +11,7 @@ from support.streams import without_progress
 import ph_post as ph
 from ph_post.cli.main import main
 from ph_post.compensate.strategies.base import StrategyTraits, traits_of
+from ph_post.dialects.reading import read_as
 from ph_post.dialects.registry import find_dialect
 from ph_post.units import MM_PER_MIN
 
@@ -270,3 +271,26 @@ def test_a_loop_that_nobody_knows_is_refused():
     log = ph.read_log(ROOT / "samples" / "logs" / "worn_router.csv")
     with pytest.raises(ph.InputError, match="--feedback: unknown; expected load or motor or none; got screw"):
         ph.identify(log, feedback={"X": "screw"})
+
+
+@pytest.mark.parametrize(
+    ("dialect", "begin", "said"),
+    [
+        ("linuxcnc", "", "neither G20 nor G21"),
+        ("linuxcnc", "G21", ""),
+        ("fanuc", "", "neither G20 nor G21"),
+        ("fanuc", "G20", ""),
+        ("siemens", "", "neither G70 nor G71"),
+        ("siemens", "G710", ""),
+        ("grbl", "", ""),
+    ],
+)
+def test_units_that_nobody_says_are_said_to_be_taken_for_mm(part, dialect, begin, said):
+    machine = msgspec.structs.replace(ph.read_machine("stepper"), dialect=dialect)
+    text = PART.replace("G21", begin).replace("M2", "M30")
+    text = "".join(f"{line}\n" for line in text.split("\n") if line).replace("I10", "I10.").replace("Y0", "Y0.")
+    part.write_text(text)
+    result = ph.compensate(read_as(dialect, part.read_bytes(), "part.ngc"), machine, max_slowdown=10.0)
+    assert not result.unchanged
+    found = [one for one in result.warnings if "taken for mm" in one]
+    assert [said in one for one in found] == [True] * bool(said)

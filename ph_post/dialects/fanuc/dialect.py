@@ -179,6 +179,7 @@ DIALECT = Dialect(
     language=Language(read=read_fanuc, further=FURTHER, shortest=True),
     notices=Notices(
         assumed=(PRECONDITIONS, end_remark("M30"), "the program number may be taken: change it"),
+        units=(20, 21),
     ),
     planner=BUILT_PATH,
     writer=FanucLines,

@@ -165,6 +165,7 @@ DIALECT = Dialect(
             "the compressor is switched off by COMPOF and stays off",
             end_remark("M30"),
         ),
+        units=(70, 71, 700, 710),
     ),
     planner=BUILT_PATH,
     writer=SiemensLines,
