@@ -20,6 +20,7 @@ from ph_post.diagnose.sides import HELD, SidesGap, gap_between
 from ph_post.drive.axes import backlash_varies
 from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
+from ph_post.drive.plant import base_value
 from ph_post.identify.cascade_numbers import CASCADE_NUMBERS, NAMES, cascade_values
 from ph_post.identify.estimates import KEYS, relative_uncertainty, with_keys
 from ph_post.identify.free_run import AxisProblem, mean_square, predict, residuals
@@ -444,7 +445,8 @@ def _prior_keys(outcome: AxisDiagnosis) -> dict[str, float]:
     for k in model.free:
         prior = model.priors[k]
         factor = 1.0 + prior.error * model.off[k]
-        if abs(model.off[k]) < MOVED:
+        may_be_none = prior.least > prior.error * base_value(outcome.problem.plant, prior.field)
+        if abs(model.off[k]) < (1.0 if may_be_none else MOVED):
             continue
         if prior.field in ("b", "c") and axis.servo.cascade is None:
             keys[prior.field] = float(f"{getattr(axis.servo, prior.field) * factor:.7g}")

@@ -52,6 +52,9 @@ def test_friction_inside_a_loop_is_named_beside_the_backlash_without_which_it_do
     for name, plant in zip("XY", machine.true, strict=True):
         axis = better.axes[name]
         assert axis.gap.lost_motion == pytest.approx(plant.gap, rel=0.01)
+        # A dead time of 7 µs, far within its error, would leave inverse dynamics no room.
+        assert axis.servo.cascade is not None
+        assert axis.servo.cascade.dead_time == 0.0
         (effect,) = axis.effects
         assert effect.name == "coulomb_friction"
         assert effect.parameters["following_error_mm"] == pytest.approx(MM * plant.effects[0]["force"], rel=0.01)
