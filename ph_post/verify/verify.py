@@ -216,6 +216,7 @@ def _compare(case: VerifyCase, machine: Machine | None) -> None:
     check_returns(case, pairing)
     check_approaches(case, pairing)
     check_stops(case, pairing, dwells)
+    give_memory_back()
     found = find_stretches(case.original.motions, case.compensated.motions, pairing)
     case.findings.count("stretches", found.change.size)
     crossed = case.lines.changes.crossed[found.change]
@@ -223,8 +224,10 @@ def _compare(case: VerifyCase, machine: Machine | None) -> None:
     plain = found.take(~crossed & ~led)
     check_path(case, pairing, plain, dwells)
     check_feeds(case, plain)
+    give_memory_back()
     crossings = check_crossings(case, pairing, found.take(crossed))
     check_crossing_words(case, crossings, changed)
+    give_memory_back()
     check_direction(case, pairing)
     check_leads(case, found.take(led), machine)
     if machine is not None:

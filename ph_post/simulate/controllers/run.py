@@ -12,7 +12,7 @@ from typing import Final, TypeVar
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.bounds import MOST_SAMPLES
+from ph_post.bounds import MOST_SAMPLES, give_memory_back
 from ph_post.dialects.planners import planner_of
 from ph_post.drive.cascade import response_time
 from ph_post.gcode.program import AXES, Motions, PartProgram
@@ -197,6 +197,7 @@ def _blocks(
         begin, least = end[-1] if end.size else begin, least + float((made.length / made.speed).sum())
         if least > longest:
             parts = [without_places(one) for one in parts]
+    give_memory_back()
     blocks = join_blocks(parts)
     pause, joined = rests_before(*stops, blocks.motion, planner)
     blocks = blocks._replace(pause=pause, joined=joined)
