@@ -309,6 +309,12 @@ def test_a_program_that_begins_with_a_cut_is_compensated_from_there(before):
     assert found.time[1] < 1.1 * found.time[0]
 
 
+def test_a_step_from_wherever_the_machine_stands_is_left_as_it_is():
+    """On which side of its backlash the table stands is not known, so no move of the motor alone makes it better."""
+    found = judge(Entry("step", File(), "linuxcnc", "G21\nG91\nG1 X5 F50\nM2\n"))
+    assert found.outcome == "unchanged"
+
+
 def test_a_crossing_that_does_not_pass_the_check_becomes_a_stop():
     """X turns 2 µm behind the plunge: what is crossed around that is partly in Z, and too far off the arc."""
     text = (

@@ -176,8 +176,11 @@ class CutPath:
         rapid an axis may be moved onto its side of the backlash before the cut begins: that is in the air.
         """
         works = self._works[self.legs.motion.astype(np.int64)] & (self.legs.rapid == 0.0)
-        # Nothing is blended with a cut with which a program begins: it begins where the table stands.
-        behind_rest = np.append(self.legs.motion[0] > 0, ~works[:-1])[leg]
+        # Nothing is blended with a cut with which a program begins: it begins where the table stands. Of one in steps
+        # from wherever that is, no error is known there.
+        first = int(self.legs.motion[0])
+        placed = self.program.modal_after(int(self.program.motions.block[first])).absolute
+        behind_rest = np.append(first > 0 or not placed, ~works[:-1])[leg]
         begins = behind_rest & (place <= self.starts[leg] + BEGINS)
         cuts = works[leg] & ~begins
         if moved_by is not None and moved_by.motions.kind.size:

@@ -125,6 +125,6 @@ def test_the_lines_for_readers_without_scripts_say_it_too():
 
 
 def test_behind_a_line_that_led_elsewhere_the_way_is_not_known() -> None:
-    blocks = ["L X+0 Y+0 Z+0 R0 F100", "L X+10", "CC X+15 Y+0", "CP IPA+180 IZ-1 DR+", "L X+0", "L X+5"]
+    blocks = ["L X+0 Y+0 Z+0 R0 F100", "L X+10", "FL PR+5 PA+30", "L X+0 Y+0 Z+0", "L X+5"]
     text = "\n".join(["BEGIN PGM A MM", *blocks, "END PGM A MM", ""])
     assert unknown_motions(read_as("heidenhain", text.encode(), "a.h")).tolist() == [False, False, True, False]
