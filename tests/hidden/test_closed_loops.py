@@ -33,24 +33,13 @@ def test_motors_behind_whose_encoders_tables_have_backlash_and_friction(tmp_path
 
 @pytest.mark.slow
 def test_scales_on_tables_with_backlash_and_friction(tmp_path: Path) -> None:
-    machine = draw_machine(1, "load")
-    wrong, better = diagnosed(machine, tmp_path)
-    for shape in ("circle", "pocket", "oval"):
-        before, after = (of_table(tmp_path, shape, file, machine.true) for file in (wrong, better))
-        assert after.largest < before.largest / 5.0
-        assert after.rms < before.rms / 5.0
-    # A program crosses no backlash inside the loop and leads no friction, and says what does.
-    said = of_program(tmp_path, "circle", better, machine.true).warnings
-    assert any("friction of X and Y stays" in one and "--lead-program or --table leads it" in one for one in said)
-
-
-@pytest.mark.slow
-def test_friction_inside_a_loop_is_named_beside_the_backlash_without_which_it_does_not_show(tmp_path: Path) -> None:
-    # Of its Y axis neither explains more than a late reading would, which is not between motor and table.
     machine = draw_machine(0, "load")
-    better = ph.read_machine(diagnosed(machine, tmp_path)[1])
+    wrong, better = diagnosed(machine, tmp_path)
+    # Of its Y axis neither backlash nor friction explains, without the other, more than a late reading would, which is
+    # not between motor and table.
+    found = ph.read_machine(better)
     for name, plant in zip("XY", machine.true, strict=True):
-        axis = better.axes[name]
+        axis = found.axes[name]
         assert axis.gap.lost_motion == pytest.approx(plant.gap, rel=0.01)
         # A dead time of 7 µs, far within its error, would leave inverse dynamics no room.
         assert axis.servo.cascade is not None
@@ -58,3 +47,10 @@ def test_friction_inside_a_loop_is_named_beside_the_backlash_without_which_it_do
         (effect,) = axis.effects
         assert effect.name == "coulomb_friction"
         assert effect.parameters["following_error_mm"] == pytest.approx(MM * plant.effects[0]["force"], rel=0.01)
+    for shape in ("circle", "pocket", "oval"):
+        before, after = (of_table(tmp_path, shape, file, machine.true) for file in (wrong, better))
+        assert after.largest < before.largest / 5.0
+        assert after.rms < before.rms / 5.0
+    # A program crosses no backlash inside the loop and leads no friction, and says what does.
+    said = of_program(tmp_path, "circle", better, machine.true).warnings
+    assert any("friction of X and Y stays" in one and "--lead-program or --table leads it" in one for one in said)
