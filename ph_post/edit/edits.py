@@ -349,7 +349,7 @@ def schedule(edits: Edits, motions: Motions, step: float) -> list[MotionEdit]:
         _crossed_motion(
             motion,
             crossed[motion],
-            _apart(lasting.get(motion, []), crossed[motion], _least_share(motions, motion, step)),
+            lasting.get(motion, []),
             stops.get(motion, []),
             labels.get(motion, []),
             edits.joints.get(motion, ()),
@@ -424,6 +424,7 @@ def _crossed_motion(
     Next to a part of a crossing there is no part below the share `least`: what is left there belongs to the crossing.
     Written down, such a part of an arc could end where it begins, which is a full circle.
     """
+    timed = _apart(timed, crossed, least)
     parts: list[MotionPart] = []
     at = 0.0
     shares = {*(stop.share for stop in stops), *joints, *(end for one in timed for end in (one.low, one.high))}
