@@ -8,8 +8,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-import numpy as np
-
 from ph_post.api.expansion import WRITTEN_AS_LINUXCNC
 from ph_post.api.inputs import COMPENSATED_BEFORE, Source
 from ph_post.api.options import CompensateOptions
@@ -188,8 +186,8 @@ def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) 
 
 def units_notes(program: PartProgram, dialect: Dialect) -> tuple[str, ...]:
     """Say that lengths are taken for mm where a program does not say its units, and the controller may have others."""
-    said, words = dialect.notices.units, program.words
-    if not said or bool(((words.letter == ord("G")) & np.isin(words.value, said)).any()):
+    said = dialect.notices.units
+    if not said or program.words.g_words(*said).any():
         return ()
     return (
         f"the program says neither G{said[0]} nor G{said[1]}: its lengths are taken for mm; where the controller "

@@ -330,7 +330,7 @@ def _regions(program: PartProgram, halts: BoolArray) -> IntArray:
     stop[1:count] |= own[1:] != own[:-1]
     stop[1:count] |= motions.chain[1:] != motions.chain[:-1]
     m_words = (words.letter == ord("M")) & np.isin(words.value, tuple(INTERRUPTING))
-    dwells = (words.letter == ord("G")) & np.isin(words.value, (4.0, 9.0))
+    dwells = words.g_words(4.0, 9.0)
     for rows in (m_words, dwells, words.letter == ord("S"), words.letter == ord("T")):
         stop[np.searchsorted(motions.block, words.block[rows], side="left")] = True
     # S and T of a line are executed before its motion.

@@ -237,7 +237,7 @@ def require_tool(program: PartProgram, machine: Machine) -> None:
     pushed = words.block[words.letter == ord("E")]
     if pushed.size and program.language.read is None and program.language.hide is None:
         others, every = words.block[words.letter == ord("M")], program.words
-        moves = every.block[(every.letter == ord("G")) & np.isin(every.value, (0.0, 1.0, 2.0, 3.0))]
+        moves = every.block[every.g_words(0.0, 1.0, 2.0, 3.0)]
         extrudes = pushed[np.isin(pushed, moves) & ~np.isin(pushed, others)]
         if extrudes.size:
             raise InputError(

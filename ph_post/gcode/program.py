@@ -262,6 +262,10 @@ class WordTable(msgspec.Struct, frozen=True, kw_only=True, eq=False):
                 found[place] = self.long[int(numbers[place])]
         return found
 
+    def g_words(self, *codes: float) -> BoolArray:
+        """Return true for each G word of one of these numbers, shape (w,)."""
+        return np.asarray((self.letter == ord("G")) & np.isin(self.value, codes))
+
     def take(self, rows: IntArray) -> WordTable:
         """Return the table of some of the words."""
         columns = {name: getattr(self, name)[rows] for name in self.__struct_fields__ if name != "long"}

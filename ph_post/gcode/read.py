@@ -260,8 +260,7 @@ def _misses_centres(program: PartProgram) -> bool:
     missed = {codes.FAULT + RADII_DIFFER, codes.FAULT + codes.MISSING_CENTER}
     if not any(note.why in missed for note in program.notes):
         return False
-    words = program.commands
-    return not ((words.letter == ord("G")) & np.isin(words.value, (90.1, 91.1))).any()
+    return not program.commands.g_words(90.1, 91.1).any()
 
 
 def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartProgram:

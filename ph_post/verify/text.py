@@ -115,7 +115,7 @@ def check_text(case: VerifyCase) -> tuple[WordTable, WordTable]:
 
 def _looked_at(program: PartProgram, words: WordTable, change: PlaceArray) -> IntArray:
     """Return the rows of the words in changes, of lines with dwells, and of further axes."""
-    dwells = words.block[(words.letter == ord("G")) & (words.value == _DWELL)]
+    dwells = words.block[words.g_words(_DWELL)]
     further = [ord(letter) for letter in program.language.further]
     inside = change[words.block] != NO_CHANGE
     return np.flatnonzero(inside | np.isin(words.letter, further) | np.isin(words.block, dwells))

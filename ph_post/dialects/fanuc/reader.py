@@ -237,7 +237,7 @@ def in_increments(words: WordTable, data: bytes, *, decimals: int) -> WordTable:
     [1.0, 0.1, 1.0, 0.0]
     """
     bare = _without_point(words, data)
-    units = (words.letter == ord("G")) & np.isin(words.value, (20.0, 21.0))
+    units = words.g_words(20.0, 21.0)
     inches = np.append(0.0, words.value[units])[np.cumsum(units)] == 20.0
     own = inches & np.isin(words.block, words.block[units])  # G20 holds for the whole of its block
     turns = np.isin(words.letter, [ord(letter) for letter in FURTHER])

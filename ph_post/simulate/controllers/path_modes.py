@@ -66,7 +66,7 @@ def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect)
     rounded, moves = corner_rounding(program, machine, tolerances(program, planner))
     backlash = np.where(moves & (gaps > 0.0), gaps, math.inf).min(axis=1)
     words = program.commands
-    modes = words.block[(words.letter == ord("G")) & np.isin(words.value, _MODES)]
+    modes = words.block[words.g_words(*_MODES)]
     mode = np.searchsorted(modes, program.motions.block[:-1], side="right")
     said = []
     for number in np.unique(mode[rounded > backlash]).tolist():
@@ -86,7 +86,7 @@ def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect)
 def _unknown_modes(program: PartProgram, dialect: Dialect) -> list[str]:
     """Warn of the first G64: no such firmware has it, and Grbl stops there (error 20)."""
     words = program.commands
-    blocks = words.block[(words.letter == ord("G")) & (words.value == _CONTINUOUS)]
+    blocks = words.block[words.g_words(_CONTINUOUS)]
     if not blocks.size:
         return []
     return [
