@@ -383,9 +383,10 @@ class CrossingPlanner:
         ahead = max(0.5 * (finish - begin - max(lasts, shortest_block(spot.feed))), 0.0)
         first, last = begin + ahead, finish - ahead
         knots = _Knots(s=[first, last], added=[spot.before, spot.after], line=[False, True], speed=[spot.feed, speed])
-        if kind in (BALANCED, OUTWARD):
-            longer = OUTER - 1.0 if kind == BALANCED else 1.0
-            out = longer * 0.5 * max(finish - begin - (spot.rest[1] - spot.rest[0]), 0.0)
+        longer = OUTER - 1.0 if kind == BALANCED else 1.0
+        out = longer * 0.5 * max(finish - begin - (spot.rest[1] - spot.rest[0]), 0.0)
+        # A window that is the rest alone needs no way out: nothing moves along the axis there.
+        if kind in (BALANCED, OUTWARD) and out > 0.0:
             bulge = np.zeros(3)
             # The tangent goes on to the block's end.
             bulge[spot.column] = -spot.sign * error * ((out + ahead) / out) ** 2
