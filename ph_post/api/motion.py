@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import PurePath
 from typing import Any, Final, get_args
 
@@ -283,60 +284,104 @@ def simulate(
     require_word("output", output, get_args(PlanOutput))
     require_word("pickup", pickup, (None, *get_args(Pickup)))
     require_word("initial_flank", initial_flank, (None, "+", "-"))
-    notes: tuple[str, ...] = ()
-    caveats: tuple[str, ...] = ()
-    analysis: Analysis | None = None
-    motion: PlannedMotion | None = None
+    rules = partial(_with_rules, pickup=pickup, flank=initial_flank)
     progress("reading")
     table = _table_of(job)
     if table is not None:
-        command, name, file = table
-        if path is None:
-            drives, machine_name = any_machine(machine)
-            check_axes(command.axes, "table", drives, machine_name)
-            caveats = ("without --path the path is not known, and so no contour error",)
-        else:
-            analysis, notes = analysed_job(path, machine, how, progress)
-            command, drives = require_path(command, analysis.track, file), machine_of(analysis)
+        found = _from_table(table, path, machine, how, progress)
+        found = replace(found, machine=rules(found.machine))
+    elif path is not None:
+        raise OptionsError("--path goes with an interpolator table; a path file is its own path")
     else:
-        if path is not None:
-            raise OptionsError("--path goes with an interpolator table; a path file is its own path")
         assert not isinstance(job, Command)
-        analysis, notes = analysed_job(job, machine, how, progress)
-        progress("planning the feed")
-        plan = make_plan(analysis, how.plan(output), progress)
-        drives = _with_rules(plan.machine, pickup, initial_flank)
-        caveats = (*analysis.path.remarks, *plan.warnings)
-        if output == "program" and crosses_on_the_fly(analysis.path.axes, plan.machine, how):
-            caveats = (*caveats, _STOPS)
-        motion = PlannedMotion(analysis, replace(plan, machine=drives))
-        command = motion.command
-        name = f"{analysis.path.name}, strategy {plan.strategy}"
-    caveats = (*caveats, *_caveats(command, drives))
-    drives = _with_rules(drives, pickup, initial_flank)
+        found = _from_plan(job, machine, how, output, rules, progress)
+    caveats = (*found.caveats, *_caveats(found.command, found.machine))
     progress("simulating")
-    assessment: Assessment | None = None
-    if analysis is None:
-        run = simulated.simulate(command, drives, scenarios(drives, command.axes)[0])
-    else:
-        nominal = Nominal(analysis.track)
-        assessment = assess(command, drives, nominal, analysis.turning_points) if motion is None else motion.assessment
-        run = assessment.run
-        if assessment.error is None:
-            seconds = settling_time(drives, command.axes)
-            late = f"the motion is over before its contour error counts, {seconds:.3g} s after its start"
-            caveats = (*caveats, late)
+    run, assessment = _run(found)
+    if assessment is not None and assessment.error is None:
+        seconds = settling_time(found.machine, found.command.axes)
+        late = f"the motion is over before its contour error counts, {seconds:.3g} s after its start"
+        caveats = (*caveats, late)
     return Simulation(
-        name=name,
-        command=command,
-        machine=drives,
-        analysis=analysis,
+        name=found.name,
+        command=found.command,
+        machine=found.machine,
+        analysis=found.analysis,
         run=run,
         assessment=assessment,
+        motion=found.motion,
+        notes=found.notes,
+        caveats=caveats,
+    )
+
+
+class _Commanded(NotedResult, frozen=True, kw_only=True, eq=False):
+    """A command that is to be run, and where it comes from: a table, whose path may not be known, or a plan."""
+
+    name: str
+    command: Command
+    machine: Machine
+    analysis: Analysis | None = None
+    motion: PlannedMotion | None = None
+
+
+def _from_table(
+    table: tuple[Command, str, str],
+    path: Path | Source | None,
+    machine: Machine | Source,
+    how: CompensateOptions,
+    progress: Progress,
+) -> _Commanded:
+    """Take the rows of a table, as :func:`_table_of` returns them, for a path where that is known."""
+    command, name, file = table
+    if path is None:
+        drives, machine_name = any_machine(machine)
+        check_axes(command.axes, "table", drives, machine_name)
+        unknown = "without --path the path is not known, and so no contour error"
+        return _Commanded(name=name, command=command, machine=drives, caveats=(unknown,))
+    analysis, notes = analysed_job(path, machine, how, progress)
+    command = require_path(command, analysis.track, file)
+    return _Commanded(name=name, command=command, machine=machine_of(analysis), analysis=analysis, notes=notes)
+
+
+def _from_plan(
+    job: Job,
+    machine: Machine | Source,
+    how: CompensateOptions,
+    output: PlanOutput,
+    rules: Callable[[Machine], Machine],
+    progress: Progress,
+) -> _Commanded:
+    """Plan a path, and take the plan's command, for a machine with other `rules` than the plan's."""
+    analysis, notes = analysed_job(job, machine, how, progress)
+    progress("planning the feed")
+    plan = make_plan(analysis, how.plan(output), progress)
+    caveats = (*analysis.path.remarks, *plan.warnings)
+    if output == "program" and crosses_on_the_fly(analysis.path.axes, plan.machine, how):
+        caveats = (*caveats, _STOPS)
+    motion = PlannedMotion(analysis, replace(plan, machine=rules(plan.machine)))
+    return _Commanded(
+        name=f"{analysis.path.name}, strategy {plan.strategy}",
+        command=motion.command,
+        machine=motion.plan.machine,
+        analysis=analysis,
         motion=motion,
         notes=notes,
         caveats=caveats,
     )
+
+
+def _run(found: _Commanded) -> tuple[Run, Assessment | None]:
+    """Run a command on its machine; without a path there is no assessment."""
+    if found.analysis is None:
+        scenario = scenarios(found.machine, found.command.axes)[0]
+        return simulated.simulate(found.command, found.machine, scenario), None
+    if found.motion is not None:
+        assessment = found.motion.assessment
+    else:
+        nominal = Nominal(found.analysis.track)
+        assessment = assess(found.command, found.machine, nominal, found.analysis.turning_points)
+    return assessment.run, assessment
 
 
 def _table_of(job: Job | Command) -> tuple[Command, str, str] | None:

@@ -37,7 +37,6 @@ HELD: Final = np.inf
 SLOWS: Final = tuple(2.0 ** np.arange(2, -7, -1))
 """Decelerations by friction from which a search begins [m/s²]: less than a standstill holds nothing in a gap."""
 
-
 SURE: Final = 5.0
 """Standard errors from which on a gap is another than the file's."""
 
@@ -85,68 +84,94 @@ def gap_between(problem: AxisProblem) -> SidesGap | None:
     use = problem.counted & table.ok & motor.ok
     if np.count_nonzero(use) < 20 * BLOCKS:
         return None
-    known = np.flatnonzero(motor.ok)
-    place = gaussian_filter1d(np.interp(np.arange(use.size), known, motor.values[known]), SMOOTHING)
-    apart = np.where(use, motor.values - table.values, 0.0)[use]
-    speed = np.gradient(place, problem.period)
-    columns = np.stack([np.ones_like(place), place, speed, np.gradient(speed, problem.period)], axis=1)[use]
-    columns = columns / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
-    basis = np.linalg.qr(columns)[0]
-
-    def left(width: float, slows: float) -> Array:
-        rest = apart - (place - coast(place, width, slows, problem.period))[use]
-        return np.asarray(rest - basis @ (basis.T @ rest))
-
-    def square(width: float, slows: float) -> float:
-        return float(np.mean(left(width, slows) ** 2))
-
-    def stands(width: float, slows: float) -> bool:
-        after = square(width, slows)
-        explains = before - after >= EXPLAINS * (before - min(noise**2, after))
-        rest = left(width, slows)
-        return width >= CLEAR * noise and explains and _agrees(problem, none - rest, rest, use)
-
-    def best_width(slows: float) -> float:
-        return float(minimize_scalar(square, args=(slows,), bounds=(0.0, most), options={"xatol": 1e-9}).x)
-
-    noise = float(np.hypot(table.noise, motor.noise))
-    none = left(0.0, HELD)
-    before = float(np.mean(none**2))
-    most = 6.0 * float(np.std(none)) + 10.0 * noise
-    width, slows = best_width(HELD), HELD
-    if not stands(width, slows):
-        start = min(SLOWS, key=lambda one: square(best_width(one), one))
-        found = minimize_scalar(
-            lambda one: square(best_width(one), one), bounds=(0.5 * start, 2.0 * start), options={"xatol": 0.01 * start}
-        )
-        slows = float(found.x)
-        width = best_width(slows)
-        if not stands(width, slows):
+    difference = _Difference(problem, use)
+    width, slows = difference.best_width(HELD), HELD
+    if not difference.shows(width, slows):
+        slows = difference.best_slowing()
+        width = difference.best_width(slows)
+        if not difference.shows(width, slows):
             return None
-    rest = left(width, slows)
-    after = square(width, slows)
-    step = 0.02 * width
-    slopes = [(left(width + step, slows) - left(width - step, slows)) / (2.0 * step)]
-    if slows < HELD:
-        slopes.append((left(width, 1.05 * slows) - left(width, slows / 1.05)) / 0.1)
-    size = max(float(np.sqrt(after)), 1e-12)
-    jacobian = np.column_stack([*slopes, basis * np.sqrt(rest.size)]) / size
-    number = np.arange(rest.size) * BLOCKS // rest.size
-    rounded = [rounding_of(one, problem.speed, use) for one in (table, motor)]
-    rounded = [one._replace(size=one.size / size) for one in rounded]
-    error = float(np.sqrt(block_covariance(jacobian, rest / size, number, rounded=rounded)[0, 0]))
-    if slows < HELD:
-        # A table slides less simply than it is reckoned to, in all blocks alike: what its parts of the motion ask for
-        # differs by as much.
-        error = float(np.hypot(error, width * spread_of(sizes_by_regime(problem, none - rest, rest, [use]))))
     return SidesGap(
         width=width,
-        error=error,
+        error=difference.error_of(width, slows),
         slows=slows,
-        before=float(np.sqrt(before)),
-        after=float(np.sqrt(after)),
-        motor=place,
+        before=float(np.sqrt(difference.square(0.0, HELD))),
+        after=float(np.sqrt(difference.square(width, slows))),
+        motor=difference.motor,
     )
+
+
+class _Difference:
+    """Motor less table [m] of the samples `use` (n,), and what a backlash leaves of it beside place, speed and more.
+
+    `motor` is where the motor is, smoothed, (n,) [m].
+    """
+
+    def __init__(self, problem: AxisProblem, use: BoolArray) -> None:
+        self._problem, self._use = problem, use
+        table, motor = problem.channel("act"), problem.channel("motor")
+        known = np.flatnonzero(motor.ok)
+        self.motor = gaussian_filter1d(np.interp(np.arange(use.size), known, motor.values[known]), SMOOTHING)
+        self._apart = np.where(use, motor.values - table.values, 0.0)[use]
+        speed = np.gradient(self.motor, problem.period)
+        columns = [np.ones_like(speed), self.motor, speed, np.gradient(speed, problem.period)]
+        beside = np.stack(columns, axis=1)[use]
+        beside = beside / np.maximum(np.sqrt(np.mean(beside**2, axis=0)), 1e-300)
+        self._basis = np.linalg.qr(beside)[0]
+        self._noise = float(np.hypot(table.noise, motor.noise))
+        self._none = self.left(0.0, HELD)
+
+    def left(self, width: float, slows: float) -> Array:
+        """Return what a backlash [m], of a table that friction slows [m/s²], leaves of the difference, (k,) [m]."""
+        rest = self._apart - (self.motor - coast(self.motor, width, slows, self._problem.period))[self._use]
+        return np.asarray(rest - self._basis @ (self._basis.T @ rest))
+
+    def square(self, width: float, slows: float) -> float:
+        """Return the mean square of what is left [m²]."""
+        return float(np.mean(self.left(width, slows) ** 2))
+
+    def best_width(self, slows: float) -> float:
+        """Return the backlash that leaves least [m]."""
+        most = 6.0 * float(np.std(self._none)) + 10.0 * self._noise
+        return float(minimize_scalar(self.square, args=(slows,), bounds=(0.0, most), options={"xatol": 1e-9}).x)
+
+    def best_slowing(self) -> float:
+        """Return the deceleration by friction that, with its best backlash, leaves least [m/s²]."""
+
+        def square(slows: float) -> float:
+            return self.square(self.best_width(slows), slows)
+
+        start = min(SLOWS, key=square)
+        found = minimize_scalar(square, bounds=(0.5 * start, 2.0 * start), options={"xatol": 0.01 * start})
+        return float(found.x)
+
+    def shows(self, width: float, slows: float) -> bool:
+        """Return whether a backlash is clear of the noise, explains the difference, and has one size."""
+        left = self.left(width, slows)
+        before, after = float(np.mean(self._none**2)), float(np.mean(left**2))
+        explains = before - after >= EXPLAINS * (before - min(self._noise**2, after))
+        return width >= CLEAR * self._noise and explains and _agrees(self._problem, self._none - left, left, self._use)
+
+    def error_of(self, width: float, slows: float) -> float:
+        """Return the standard error of a backlash [m]."""
+        problem, left = self._problem, self.left(width, slows)
+        step = 0.02 * width
+        slopes = [(self.left(width + step, slows) - self.left(width - step, slows)) / (2.0 * step)]
+        if slows < HELD:
+            slopes.append((self.left(width, 1.05 * slows) - self.left(width, slows / 1.05)) / 0.1)
+        size = max(float(np.sqrt(np.mean(left**2))), 1e-12)
+        jacobian = np.column_stack([*slopes, self._basis * np.sqrt(left.size)]) / size
+        number = np.arange(left.size) * BLOCKS // left.size
+        channels = (problem.channel("act"), problem.channel("motor"))
+        rounded = [rounding_of(one, problem.speed, self._use) for one in channels]
+        rounded = [one._replace(size=one.size / size) for one in rounded]
+        error = float(np.sqrt(block_covariance(jacobian, left / size, number, rounded=rounded)[0, 0]))
+        if slows == HELD:
+            return error
+        # A table slides less simply than it is reckoned to, in all blocks alike: what its parts of the motion ask for
+        # differs by as much.
+        sizes = sizes_by_regime(problem, self._none - left, left, [self._use])
+        return float(np.hypot(error, width * spread_of(sizes)))
 
 
 def _agrees(problem: AxisProblem, adds: Array, rest: Array, use: BoolArray) -> bool:

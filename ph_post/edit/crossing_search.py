@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -27,7 +28,30 @@ from ph_post.edit.reversals import (
     SIGN,
 )
 from ph_post.gcode.program import AXES
-from ph_post.types import Array, ExactPath, IntArray
+from ph_post.types import Array, Axis, ExactPath, IntArray
+
+
+class PlannedChanges(NamedTuple):
+    """How all changes of a program are made: `stops` are shifts that are moves of their own.
+
+    `approaches` are the largest ways [m] from beyond which axes come; `offset` those at the ends of the motions, (m, 3)
+    [m]; `burnt` the motions at whose place a shift would have the beam burn a dot.
+    """
+
+    crossings: tuple[CrossingEdit, ...]
+    stops: tuple[StopEdit, ...]
+    approaches: dict[str, float]
+    offset: Array
+    burnt: tuple[int, ...]
+
+
+class _Moves(NamedTuple):
+    """Moves of an axis alone: their `ways` [m], and the times [s] `ahead`, `between` two of them, and `behind`."""
+
+    ways: list[float]
+    ahead: float
+    between: float
+    behind: float
 
 
 class CrossingSearch:
@@ -62,23 +86,8 @@ class CrossingSearch:
         spots = self._spots.find(changes, coarser)
         return spots, self._costs.of(spots, coarser)
 
-    def plan(
-        self, changes: Mapping[str, Array], coarser: float
-    ) -> tuple[tuple[CrossingEdit, ...], tuple[StopEdit, ...], dict[str, float], Array, tuple[int, ...]]:
-        """Plan all changes.
-
-        Returns
-        -------
-        crossings : tuple of CrossingEdit
-        stops : tuple of StopEdit
-            Shifts that are moves of their own.
-        approaches : dict
-            Largest way [m] from beyond which each axis comes.
-        offset : Array, shape (m, 3)
-            Offsets at the ends of the motions [m].
-        burnt : tuple of int
-            Motions at whose place a shift would have the beam burn a dot.
-        """
+    def plan(self, changes: Mapping[str, Array], coarser: float) -> PlannedChanges:
+        """Plan all changes."""
         spots = self._spots.find(changes, coarser)
         ground = self.ground
         planner = CrossingPlanner(ground.program.motions, ground.along, ground.divisible, ground.least)
@@ -122,7 +131,7 @@ class CrossingSearch:
             offset[motion] = added
         begins = self._lines_for_restarts(spots, stops)
         marked = (replace(one, restart=True) if one.approach and one.motion in begins else one for one in stops)
-        return tuple(crossings), tuple(marked), approaches, offset, tuple(burnt)
+        return PlannedChanges(tuple(crossings), tuple(marked), approaches, offset, tuple(burnt))
 
     def _lines_for_restarts(self, spots: Spots, stops: list[StopEdit]) -> frozenset[int]:
         """Return the rapids from which a program may be started again: all axes come to their sides behind them."""
@@ -210,39 +219,23 @@ class CrossingSearch:
         """
         name = AXES[int(spots.column[n])]
         motion, share, sign = int(row[MOTION]), float(row[SHARE]), float(row[SIGN])
-        axis = self.ground.machine.axes[name]
-        lost = self.ground.sides[name][1] - self.ground.sides[name][0]
-        behind_rapid = self.ground.behind_rapid(row)
-        waits = self._costs.waits(row[None, :], spots.first[n : n + 1], axis, coarser)
-        pause, arrives, far = (one.item() for one in waits)
-        velocity, beyond, ways, ahead = float(spots.feed[n]), 0.0, [travel], pause
-        if far:
-            velocity, beyond = 0.0, self.ground.overshoot[name]
-            # A tool is never sent below the height that is programmed: from above onto a side, then through it.
-            ways = [-beyond, lost] if name == "Z" and sign > 0.0 else [sign * beyond]
-            if not self.ground.shiftable[motion, spots.column[n]]:
-                # The rapid does not go beyond: the first of these moves does.
-                ways, ahead = [travel - sum(ways), *ways], 0.0
-        elif not behind_rapid and (sign == 0.0 or spots.before[n] == 0):
-            # Behind the last cut the path rests anyway, and where no rapid led to the first place it has to once.
-            ahead = arrives = pause = max(pause, DWELL)
-            if self._costs.in_place(row[None, :], spots.column[n : n + 1], spots.before[n : n + 1])[0]:
-                # From one side of its backlash to the other the table comes to its place from wherever it was.
-                away = travel - sign * lost
-                ways = [away, sign * lost] if abs(away) > SAME else [sign * lost]
-        elif self.ground.beam.tends and self.ground.beam.works.stays[motion]:
-            ahead, arrives = 0.0, arrives if behind_rapid else 0.0
-        longest = max(map(abs, ways))
-        # No faster than it can be on its way: from rest to rest by half of it each.
-        reached = math.sqrt(axis.limits.acceleration * min(map(abs, ways)))
+        axis, ground = self.ground.machine.axes[name], self.ground
+        behind_rapid = ground.behind_rapid(row)
+        pause, arrives, far = (
+            one.item() for one in self._costs.waits(row[None, :], spots.first[n : n + 1], axis, coarser)
+        )
+        moves = (
+            self._moves_beyond(name, row, travel, pause, arrives)
+            if far
+            else self._moves_to(spots, n, row, travel, pause, arrives)
+        )
         # With its power in proportion to the speed over F a beam burns no more in a move at F than along the path.
-        steady = bool(self.ground.beam.works.follows[motion]) and sign != 0.0 and not behind_rapid
-        if not steady and velocity > 0.0:
-            # Where joints are rounded, the cut beside a faster one is made faster, too.
-            beside = math.inf if isinstance(self.ground.planner, ExactPath) else self._costs.beside_cut(axis)
-            velocity = min(max(velocity, beside), reached)
-        elif not steady:
-            velocity = make_jog(axis, longest, 0.0).velocity
+        steady = bool(ground.beam.works.follows[motion]) and sign != 0.0 and not behind_rapid
+        # No faster than it can be on its way: from rest to rest by half of it each.
+        reached = math.sqrt(axis.limits.acceleration * min(map(abs, moves.ways)))
+        velocity = 0.0 if far else float(spots.feed[n])
+        if not steady:
+            velocity = self._jog_velocity(axis, moves.ways, velocity, reached)
         approach = bool(behind_rapid and sign != 0.0)
         if approach:
             velocity = min(velocity, gentlest_approach(axis))
@@ -251,23 +244,62 @@ class CrossingSearch:
                 axis=name,
                 travel=way,
                 velocity=min(velocity, math.inf if steady else reached, axis.limits.velocity),
-                pause=arrives if place + 1 == len(ways) else pause,
+                pause=moves.behind if place + 1 == len(moves.ways) else moves.between,
                 whole=sign != 0.0 and spots.before[n] != 0 and not behind_rapid,
             )
-            for place, way in enumerate(ways)
+            for place, way in enumerate(moves.ways)
         )
-        rapid = approach and self.ground.beam.tool == "laser"
-        off = share == 1.0 and (sign == 0.0 or self.ground.beam.is_beam)
+        off = share == 1.0 and (sign == 0.0 or ground.beam.is_beam)
         stop = StopEdit(
             motion=motion,
             share=share,
-            pause=ahead,
+            pause=moves.ahead,
             shifts=shifts,
             approach=approach,
-            rapid=rapid,
-            behind=self.ground.beam.off_behind(motion) if off else None,
+            rapid=approach and ground.beam.tool == "laser",
+            behind=ground.beam.off_behind(motion) if off else None,
         )
-        return stop, beyond
+        return stop, ground.overshoot[name] if far else 0.0
+
+    def _moves_beyond(self, name: str, row: Array, travel: float, pause: float, arrives: float) -> _Moves:
+        """Return the moves of an axis whose side is not known, which comes from beyond its backlash."""
+        motion, sign = int(row[MOTION]), float(row[SIGN])
+        lost, beyond = self._lost_motion(name), self.ground.overshoot[name]
+        # A tool is never sent below the height that is programmed: from above onto a side, then through it.
+        ways = [-beyond, lost] if name == "Z" and sign > 0.0 else [sign * beyond]
+        if self.ground.shiftable[motion, AXES.index(name)]:
+            return _Moves(ways, ahead=pause, between=pause, behind=arrives)
+        # The rapid does not go beyond: the first of these moves does.
+        return _Moves([travel - sum(ways), *ways], ahead=0.0, between=pause, behind=arrives)
+
+    def _moves_to(self, spots: Spots, n: int, row: Array, travel: float, pause: float, arrives: float) -> _Moves:
+        """Return the moves of an axis whose side is known."""
+        name, sign = AXES[int(spots.column[n])], float(row[SIGN])
+        behind_rapid, beam = self.ground.behind_rapid(row), self.ground.beam
+        ways, ahead = [travel], pause
+        if not behind_rapid and (sign == 0.0 or spots.before[n] == 0):
+            # Behind the last cut the path rests anyway, and where no rapid led to the first place it has to once.
+            ahead = arrives = pause = max(pause, DWELL)
+            if self._costs.in_place(row[None, :], spots.column[n : n + 1], spots.before[n : n + 1])[0]:
+                # From one side of its backlash to the other the table comes to its place from wherever it was.
+                through = sign * self._lost_motion(name)
+                away = travel - through
+                ways = [away, through] if abs(away) > SAME else [through]
+        elif beam.tends and beam.works.stays[int(row[MOTION])]:
+            ahead, arrives = 0.0, arrives if behind_rapid else 0.0
+        return _Moves(ways, ahead=ahead, between=pause, behind=arrives)
+
+    def _lost_motion(self, name: str) -> float:
+        minus, plus = self.ground.sides[name]
+        return plus - minus
+
+    def _jog_velocity(self, axis: Axis, ways: Sequence[float], feed: float, reached: float) -> float:
+        """Return the speed [m/s] of moves of an axis alone beside a cut at a feed, 0 where none is near."""
+        if not feed > 0.0:
+            return make_jog(axis, max(map(abs, ways)), 0.0).velocity
+        # Where joints are rounded, the cut beside a faster one is made faster, too.
+        beside = math.inf if isinstance(self.ground.planner, ExactPath) else self._costs.beside_cut(axis)
+        return min(max(feed, beside), reached)
 
 
 def _lasting_offsets(changes: Sequence[tuple[int, int, float]], count: int) -> Array:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import groupby
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -12,10 +12,11 @@ from msgspec.structs import replace
 from ph_post.compensate.offsets import may_shift
 from ph_post.compensate.plan_warnings import friction_warnings, round_up, side_warnings
 from ph_post.dialects.base import Dialect
-from ph_post.edit.affordable import affordable_reversals
+from ph_post.edit.affordable import AffordedChanges, affordable_reversals
 from ph_post.edit.beams import BeamGuard, run_beside
 from ph_post.edit.chord_joints import chord_joints
 from ph_post.edit.corner_joints import corner_joints
+from ph_post.edit.crossing_search import PlannedChanges
 from ph_post.edit.cutter_contours import CutterContours
 from ph_post.edit.edits import EditOptions, Edits, join_stops
 from ph_post.edit.gentle_feeds import GentleFeeds, gentle_feeds
@@ -65,13 +66,6 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     InputError
         Where the dialect's decimals are too few for an axis.
     """
-    found = _planned(program, machine, dialect, options, gentle=True)
-    # Time is for crossings first: an axis that is left alone does more harm than tables that run on.
-    return _planned(program, machine, dialect, options, gentle=False) if found.dips and found.short else found
-
-
-def _planned(program: PartProgram, machine: Machine, dialect: Dialect, options: EditOptions, *, gentle: bool) -> Edits:
-    """Plan them, with `gentle` feeds where tables would run on, as far as there is time for those."""
     said = tuple(side_warnings(machine.axes[name] for name in moved_axes(program)))
     nothing = Edits(offset=sealed(np.zeros((program.motions.kind.size, 3))), warnings=said)
     axes = [machine.axes[name] for name in AXES if name in machine.axes and may_shift(machine.axes[name])]
@@ -79,103 +73,157 @@ def _planned(program: PartProgram, machine: Machine, dialect: Dialect, options: 
         return nothing
     troubles = why_not_editable(program)
     if troubles:
-        said += tuple(f"program not compensated: {trouble}" for trouble in troubles)
-        return Edits(offset=nothing.offset, warnings=said)
-    units = program_units(program)[0]
-    sides = {axis.name: written_offsets(axis, dialect, units) for axis in axes}
-    amplitude = {name: max(map(abs, pair)) for name, pair in sides.items()}
-    blocked = blocked_chains(program)
+        return replace(nothing, warnings=(*said, *(f"program not compensated: {trouble}" for trouble in troubles)))
     _check_overshoot(axes, options)
-    beam = BeamGuard(program, machine)
-    open_ = _open_sections(program, blocked, options.left)
-    runs, unmarked = beam.runs(), frozenset[int]()
-    contours = CutterContours(program)
-    refused = contours.left()
-    total = max(float(motion_times(program, machine).sum()), options.cycle, 1e-9)
-    feeds, needed = _gentle_feeds(program, machine, dialect, amplitude, options, open_, total if gentle else 0.0)
-    slower = sum(feeds.times) / total
-    options = replace(options, max_slowdown=options.max_slowdown - slower)
-    for number in range(BEAM_ROUNDS + len(contours.contours)):
-        left = sorted([*(runs[run] for run in unmarked), *contours.spans(refused), *options.stretches])
-        search = ReversalSearch(program, machine, dialect, amplitude, sides, open_, options, left, feeds.feed)
-        afforded = affordable_reversals(search, options)
-        changes = afforded.changes
-        crossings, stops, pulse, offset, burnt = search.crossings.plan(changes, afforded.coarser)
-        again, radii = contours.refused(changes, stops, crossings, sides)
-        if again.keys() > refused.keys():
-            refused = {**again, **refused}
-            continue
-        if not burnt:
-            break
-        found = {run_beside(runs, motion) for motion in burnt}
-        unmarked |= found if number + 2 < BEAM_ROUNDS and not found <= unmarked else set(range(len(runs)))
-    shifted = {one.axis for one in crossings} | {shift.axis for stop in stops for shift in stop.shifts}
-    shifted |= {name for name in amplitude if offset[:, AXES.index(name)].any()}
-    used = {name: size for name, size in amplitude.items() if name in shifted}
-    edits = Edits(
-        offset=sealed(offset),
-        stops=tuple(join_stops(list(found)) for _, found in groupby(stops, lambda one: (one.motion, one.share))),
-        crossings=crossings,
-        amplitude=used,
-        followed=tuple(name for name in amplitude if len(changes[name])),
-        one_sided={name: 1 if sides[name][0] == 0.0 else -1 for name in used if 0.0 in sides[name]},
-        pulse=pulse,
-        kept=search.crossings.ground.kept(crossings),
-        rounding=search.crossings.ground.rounding_of(crossings),
-        joints=chord_joints(program.motions, machine, crossings) | corner_joints(search.crossings.ground, crossings),
-        dips=tuple(one for one in feeds.dips if offset[one.motion[-1]].any()),
-        slowdown=afforded.slowdown + slower,
-        short=afforded.short,
-    )
-    warnings = [*said, *warn_blocked(program, blocked), *warn_unknown(program, amplitude), *afforded.warnings]
-    warnings += beam.warn_left([runs[run] for run in sorted(unmarked)])
-    warnings += contours.words(refused, radii, edits.offset)
-    allows = round_up(max(needed / total / SHARE, options.pace * (needed / total + afforded.slowdown)))
-    # Where the time allows them, they were tried, and something else is at fault.
-    if needed > sum(feeds.times) and allows > options.max_slowdown + slower:
-        warnings.append(
-            "friction would hold all tables at lower feeds on tight arcs and before stops, which would add"
-            f" {needed:.2g} s: --max-slowdown {allows:g} allows them"
-        )
-    if edits.amplitude:
-        own = double_compensation(program, dialect, machine)
-        warnings += [
-            *friction_warnings(edits.amplitude, beam.tool, climbs=False),
-            *(warn_climbing(program) if beam.tool == "cutter" else ()),
-            *own,
-            *dialect.notices.cautions,
-        ]
-    return replace(edits, warnings=tuple(warnings))
+    planner = _OffsetPlanner(program, machine, dialect, options, axes)
+    found = planner.plan(gentle=True)
+    # Time is for crossings first: an axis that is left alone does more harm than tables that run on.
+    found = planner.plan(gentle=False) if found.dips and found.short else found
+    return replace(found, warnings=(*said, *found.warnings))
 
 
 SHARE: Final = 0.75
 """Part of the time allowed that gentle feeds may take."""
 
 
-def _gentle_feeds(
-    program: PartProgram,
-    machine: Machine,
-    dialect: Dialect,
-    amplitude: Collection[str],
-    options: EditOptions,
-    sections: BoolArray,
-    total: float,
-) -> tuple[GentleFeeds, float]:
-    """Return the feeds at which tables do not run on in open `sections` (s,), as far as there is time for them.
+class _PlannedFeeds(NamedTuple):
+    """The feeds at which tables do not run on, those that there is time for, and what all of them take [s]."""
 
-    The other number is the time that all of them take [s]; `total` is the program's, 0 where there are to be none.
+    feeds: GentleFeeds
+    needed: float
+
+    @property
+    def time(self) -> float:
+        """Time that those take which there is time for [s]."""
+        return sum(self.feeds.times)
+
+
+class _Choice(NamedTuple):
+    """The changes that are worth their time, how they are made, and what is left as it is.
+
+    `unmarked` are the numbers of the beam's runs that a shift would mark, `refused` and `radii` what
+    :class:`~ph_post.edit.cutter_contours.CutterContours` says of its contours.
     """
-    found = gentle_feeds(program, machine, dialect, amplitude)
-    if any(axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0 for axis in machine.axes.values()):
-        return found.within(-1.0, lambda _: None), 0.0
-    low, _ = section_spans(program.motions)
 
-    def section(motion: int) -> int | None:
-        number = int(np.searchsorted(low, motion, side="right")) - 1
-        left = any(first <= motion < last for first, last in options.stretches)
-        return number if sections[number] and not left else None
+    search: ReversalSearch
+    afforded: AffordedChanges
+    planned: PlannedChanges
+    unmarked: frozenset[int]
+    refused: Mapping[int, str]
+    radii: Mapping[int, float]
 
-    return found.within(SHARE * options.max_slowdown * total, section), sum(found.times)
+
+class _OffsetPlanner:
+    """Plans the offsets of a program's `axes`; keeps what all plans share."""
+
+    def __init__(
+        self, program: PartProgram, machine: Machine, dialect: Dialect, options: EditOptions, axes: Sequence[Axis]
+    ) -> None:
+        self._program, self._machine, self._dialect, self._options = program, machine, dialect, options
+        units = program_units(program)[0]
+        self._sides = {axis.name: written_offsets(axis, dialect, units) for axis in axes}
+        self._amplitude = {name: max(map(abs, pair)) for name, pair in self._sides.items()}
+        self._blocked = blocked_chains(program)
+        self._open = _open_sections(program, self._blocked, options.left)
+        self._beam, self._contours = BeamGuard(program, machine), CutterContours(program)
+        self._runs = self._beam.runs()
+        self._total = max(float(motion_times(program, machine).sum()), options.cycle, 1e-9)
+        self._slow = gentle_feeds(program, machine, dialect, self._amplitude)
+
+    def plan(self, *, gentle: bool) -> Edits:
+        """Plan them, with `gentle` feeds where tables would run on, as far as there is time for those."""
+        slow = self._gentle_feeds(SHARE * self._options.max_slowdown * self._total if gentle else 0.0)
+        choice = self._choose(slow)
+        edits = self._edits(choice, slow)
+        return replace(edits, warnings=tuple(self._warnings(choice, slow, edits)))
+
+    def _gentle_feeds(self, most: float) -> _PlannedFeeds:
+        """Find the feeds at which tables do not run on in open sections, those first that together take `most` [s]."""
+        if any(axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0 for axis in self._machine.axes.values()):
+            return _PlannedFeeds(self._slow.within(-1.0, lambda _: None), 0.0)
+        low, _ = section_spans(self._program.motions)
+
+        def section(motion: int) -> int | None:
+            number = int(np.searchsorted(low, motion, side="right")) - 1
+            left = any(first <= motion < last for first, last in self._options.stretches)
+            return number if self._open[number] and not left else None
+
+        return _PlannedFeeds(self._slow.within(most, section), sum(self._slow.times))
+
+    def _choose(self, slow: _PlannedFeeds) -> _Choice:
+        """Choose changes, anew without the runs of a beam that they would mark and the contours that refuse them."""
+        options, contours, runs = self._options, self._contours, self._runs
+        options = replace(options, max_slowdown=options.max_slowdown - slow.time / self._total)
+        unmarked, refused = frozenset[int](), contours.left()
+        for number in range(BEAM_ROUNDS + len(contours.contours)):
+            left = sorted([*(runs[run] for run in unmarked), *contours.spans(refused), *options.stretches])
+            search = ReversalSearch(
+                self._program,
+                self._machine,
+                self._dialect,
+                self._amplitude,
+                self._sides,
+                self._open,
+                options,
+                left,
+                slow.feeds.feed,
+            )
+            afforded = affordable_reversals(search, options)
+            planned = search.crossings.plan(afforded.changes, afforded.coarser)
+            again, radii = contours.refused(afforded.changes, planned.stops, planned.crossings, self._sides)
+            if again.keys() > refused.keys():
+                refused = {**again, **refused}
+                continue
+            if not planned.burnt:
+                break
+            found = {run_beside(runs, motion) for motion in planned.burnt}
+            unmarked |= found if number + 2 < BEAM_ROUNDS and not found <= unmarked else set(range(len(runs)))
+        return _Choice(search, afforded, planned, unmarked, refused, radii)
+
+    def _edits(self, choice: _Choice, slow: _PlannedFeeds) -> Edits:
+        crossings, stops, approaches, offset, _ = choice.planned
+        ground = choice.search.crossings.ground
+        shifted = {one.axis for one in crossings} | {shift.axis for stop in stops for shift in stop.shifts}
+        shifted |= {name for name in self._amplitude if offset[:, AXES.index(name)].any()}
+        used = {name: size for name, size in self._amplitude.items() if name in shifted}
+        return Edits(
+            offset=sealed(offset),
+            stops=tuple(join_stops(list(found)) for _, found in groupby(stops, lambda one: (one.motion, one.share))),
+            crossings=crossings,
+            amplitude=used,
+            followed=tuple(name for name in self._amplitude if len(choice.afforded.changes[name])),
+            one_sided={name: 1 if self._sides[name][0] == 0.0 else -1 for name in used if 0.0 in self._sides[name]},
+            pulse=approaches,
+            kept=ground.kept(crossings),
+            rounding=ground.rounding_of(crossings),
+            joints=chord_joints(self._program.motions, self._machine, crossings) | corner_joints(ground, crossings),
+            dips=tuple(one for one in slow.feeds.dips if offset[one.motion[-1]].any()),
+            slowdown=choice.afforded.slowdown + slow.time / self._total,
+            short=choice.afforded.short,
+        )
+
+    def _warnings(self, choice: _Choice, slow: _PlannedFeeds, edits: Edits) -> Iterator[str]:
+        """Say what is left as it is and why, then what has to be known of what is changed."""
+        program, options = self._program, self._options
+        yield from warn_blocked(program, self._blocked)
+        yield from warn_unknown(program, self._amplitude)
+        yield from choice.afforded.warnings
+        yield from self._beam.warn_left([self._runs[run] for run in sorted(choice.unmarked)])
+        yield from self._contours.words(choice.refused, choice.radii, edits.offset)
+        more = slow.needed / self._total
+        allows = round_up(max(more / SHARE, options.pace * (more + choice.afforded.slowdown)))
+        # Where the time allows them, they were tried, and something else is at fault.
+        if slow.needed > slow.time and allows > options.max_slowdown:
+            yield (
+                "friction would hold all tables at lower feeds on tight arcs and before stops, which would add"
+                f" {slow.needed:.2g} s: --max-slowdown {allows:g} allows them"
+            )
+        if edits.amplitude:
+            yield from friction_warnings(edits.amplitude, self._beam.tool, climbs=False)
+            if self._beam.tool == "cutter":
+                yield from warn_climbing(program)
+            yield from double_compensation(program, self._dialect, self._machine)
+            yield from self._dialect.notices.cautions
 
 
 def _check_overshoot(axes: list[Axis], options: EditOptions) -> None:

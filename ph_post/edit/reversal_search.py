@@ -15,7 +15,7 @@ from ph_post.dialects.base import Dialect
 from ph_post.edit.crossing_ground import APPROACH, CrossingGround
 from ph_post.edit.crossing_search import CrossingSearch
 from ph_post.edit.edits import EditOptions
-from ph_post.edit.positions import RESTART, approach_again, find_restarts, position_from, resting_places
+from ph_post.edit.positions import RESTART, Restart, approach_again, find_restarts, position_from, resting_places
 from ph_post.edit.preconditions import (
     cutting_feed,
     why_indivisible,
@@ -90,22 +90,11 @@ class ReversalSearch:
         self.program, self.dialect = program, dialect
         self.amplitude, self.sides = amplitude, sides
         self.times = motion_times(program, machine)
-        begins = chain_spans(program.motions)[0]
-        ends = [place for span in left for place in span if place < program.motions.kind.size]
-        self._whole = np.unique(np.append(begins, np.array(ends, dtype=np.int64)))
-        within, _ = section_spans(program.motions)
-        self.low = np.union1d(within, self._whole)
-        self.high = np.append(self.low[1:], program.motions.kind.size)
-        cuts = np.where(program.motions.kind != RAPID, self.times, 0.0)
-        self._clock = np.append(0.0, np.cumsum(cuts))
-        opened = sections[np.searchsorted(within, self.low, side="right") - 1]
-        opened &= np.logical_or.reduceat(program.motions.kind != RAPID, self.low)
-        for begin, end in left:
-            opened &= (self.low < begin) | (self.low >= end)
-        self.open = {name: opened.copy() for name in amplitude}
-        self._feed = np.nan_to_num(cutting_feed(program, self.times))
-        if slow is not None:
-            self._feed = np.minimum(self._feed, slow)
+        cuts = program.motions.kind != RAPID
+        self._clock = np.append(0.0, np.cumsum(np.where(cuts, self.times, 0.0)))
+        self._divide(sections, left)
+        feed = np.nan_to_num(cutting_feed(program, self.times))
+        self._feed = feed if slow is None else np.minimum(feed, slow)
         # No less than what the numbers of the program can say of the backlash.
         self._overshoot = {
             name: APPROACH * (plus - minus) if options.overshoot is None else max(options.overshoot, plus - minus)
@@ -126,21 +115,34 @@ class ReversalSearch:
             plain_corners=options.plain_corners,
             standing=options.standing,
         )
-        # A table that runs on behind a rapid is anywhere in its backlash.
-        flies = any(math.isfinite(braked(machine.axes[name])) for name in amplitude)
-        restarts = find_restarts(
-            program,
-            self.times,
-            ground.shiftable,
-            late=options.max_slowdown >= LITTLE,
-            apart=0.0 if flies else RESTART,
-        )
-        chain = np.searchsorted(self._whole, [one.first for one in restarts], side="right") - 1
-        self._restarts = [replace(one, chain=number) for one, number in zip(restarts, chain.tolist(), strict=True)]
+        self._restarts = self._find_restarts(ground, late=options.max_slowdown >= LITTLE)
         self.crossings = CrossingSearch(ground, self._whole, self._restarts)
         self._given_up: dict[tuple[str, str], set[int]] = {}
         self.for_now: list[tuple[str, int, str]] = []
         self._leave_unsure()
+
+    def _divide(self, sections: BoolArray, left: Sequence[tuple[int, int]]) -> None:
+        """Divide sections at the ends of what is left alone, and say which of them are open to each axis."""
+        motions = self.program.motions
+        ends = [place for span in left for place in span if place < motions.kind.size]
+        self._whole = np.unique(np.append(chain_spans(motions)[0], np.array(ends, dtype=np.int64)))
+        within, _ = section_spans(motions)
+        self.low = np.union1d(within, self._whole)
+        self.high = np.append(self.low[1:], motions.kind.size)
+        opened = sections[np.searchsorted(within, self.low, side="right") - 1]
+        opened &= np.logical_or.reduceat(motions.kind != RAPID, self.low)
+        for begin, end in left:
+            opened &= (self.low < begin) | (self.low >= end)
+        self.open = {name: opened.copy() for name in self.amplitude}
+
+    def _find_restarts(self, ground: CrossingGround, *, late: bool) -> list[Restart]:
+        """Find where the program may be started again, `late` more than once in a chain; chains are those here."""
+        # A table that runs on behind a rapid is anywhere in its backlash.
+        flies = any(math.isfinite(braked(ground.machine.axes[name])) for name in self.amplitude)
+        apart = 0.0 if flies else RESTART
+        restarts = find_restarts(self.program, self.times, ground.shiftable, late=late, apart=apart)
+        chain = np.searchsorted(self._whole, [one.first for one in restarts], side="right") - 1
+        return [replace(one, chain=number) for one, number in zip(restarts, chain.tolist(), strict=True)]
 
     def _leave_unsure(self) -> None:
         """Give up sections in which no cut can be written, as nobody knows what its F would mean."""

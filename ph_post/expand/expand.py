@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import msgspec
 
@@ -167,44 +167,27 @@ def expand(
     >>> found.data.split(b"\n")[2:7]
     [b'G21', b'G91 G1 X2.5', b'G91 G1 X5.', b'M30', b'O2']
     """
+    lathe = fanuc is not None and (fanuc.lathe or is_turned(data))
     pattern = _CONVERSATIONAL if klartext else _STRUCTURED if sinumerik else _NEEDED if fanuc is None else _MACRO
     bare = COMMENT.sub(b"", data)
-    lathe = fanuc is not None and (fanuc.lathe or is_turned(data))
     if EXPANDED.first(data) >= 0 or not (pattern.search(bare) or (lathe and _TURNED.search(bare))):
         return Expansion(data=data)
     folders, source = folders or Folders(), Source(name, data.decode("latin-1"))
-    notes: list[str] = []
     if sinumerik:
-        siemens, lines = _run(lambda _: SinumerikRunner(source))
-        changed = siemens.changed
+        found = _siemens(source)
     elif klartext:
-        heidenhain, lines = _run(lambda _: KlartextRunner(source))
-        notes, changed = heidenhain.notes, heidenhain.changed
+        found = _heidenhain(source)
     elif fanuc is not None:
-        find = partial(folders.find, endings=_FANUC_FILES)
-        macro, lines = _run(lambda standing: FanucRunner(source, find, fanuc, standing))
-        notes, changed = [*macro.blocks.notes], macro.blocks.changed
+        found = _fanuc(source, folders, fanuc)
     else:
-        runner, lines = _run(
-            lambda standing: ProgramRunner(
-                source, folders.find, DECIMALS, parameters, tools or {}, standing, inches=inches
-            )
-        )
-        notes, changed = runner.notes, runner.blocks.changed
-        assumed = sorted(runner.store.assumed)
-        if assumed and parameters is None:
-            named = ", ".join(f"#{key}" for key in assumed[:8]) + (", …" if len(assumed) > 8 else "")
-            notes.insert(0, f"taken to be 0, as nothing was put there before they were read: {named}")
+        found = _linuxcnc(source, folders, parameters, tools or {}, inches=inches)
     # Corners are followed in X and Y, which a lathe's are not in.
     iso = sinumerik or (fanuc is not None and not lathe)
-    corners = KlartextCorners(lines) if klartext else IsoCorners(lines, fanuc) if iso else None
+    corners = KlartextCorners(found.lines) if klartext else IsoCorners(found.lines, fanuc) if iso else None
     if corners is not None:
-        plain = corners.written()
-        lines, changed = plain, changed or plain != lines
-        notes += [f"{name}: {note}" for note in corners.notes]
-    if not changed:
-        return Expansion(data=data, notes=tuple(notes))
-    kept = None if parameters is None else dict(parameters)
+        found = _with_corners(found, corners, name)
+    if not found.changed:
+        return Expansion(data=data, notes=found.notes)
     written = Written(
         original=data,
         digest="",
@@ -212,11 +195,61 @@ def expand(
         sinumerik=sinumerik,
         klartext=klartext,
         files=folders.read,
-        parameters=kept,
+        parameters=None if parameters is None else dict(parameters),
         tools=dict(tools or {}),
         inches=inches,
     )
-    return Expansion(data=_joined(data, lines, written), notes=tuple(notes))
+    return Expansion(data=_joined(data, found.lines, written), notes=found.notes)
+
+
+class _Lines(NamedTuple):
+    """A program that was run: its lines, whether anything was written out, and what has to be known."""
+
+    lines: list[str]
+    changed: bool
+    notes: tuple[str, ...] = ()
+
+
+def _siemens(source: Source) -> _Lines:
+    runner, lines = _run(lambda _: SinumerikRunner(source))
+    return _Lines(lines, runner.changed)
+
+
+def _heidenhain(source: Source) -> _Lines:
+    runner, lines = _run(lambda _: KlartextRunner(source))
+    return _Lines(lines, runner.changed, tuple(runner.notes))
+
+
+def _fanuc(source: Source, folders: Folders, numbers: FanucNumbers) -> _Lines:
+    find = partial(folders.find, endings=_FANUC_FILES)
+    runner, lines = _run(lambda standing: FanucRunner(source, find, numbers, standing))
+    return _Lines(lines, runner.blocks.changed, tuple(runner.blocks.notes))
+
+
+def _linuxcnc(
+    source: Source,
+    folders: Folders,
+    parameters: Mapping[int, float] | None,
+    tools: Mapping[int, ToolShape],
+    *,
+    inches: bool,
+) -> _Lines:
+    runner, lines = _run(
+        lambda standing: ProgramRunner(source, folders.find, DECIMALS, parameters, tools, standing, inches=inches)
+    )
+    notes = runner.notes
+    assumed = sorted(runner.store.assumed)
+    if assumed and parameters is None:
+        named = ", ".join(f"#{key}" for key in assumed[:8]) + (", …" if len(assumed) > 8 else "")
+        notes = [f"taken to be 0, as nothing was put there before they were read: {named}", *notes]
+    return _Lines(lines, runner.blocks.changed, tuple(notes))
+
+
+def _with_corners(found: _Lines, corners: IsoCorners | KlartextCorners, name: str) -> _Lines:
+    """Write the corners of a program out; those that stay are named."""
+    lines = corners.written()
+    notes = (f"{name}: {note}" for note in corners.notes)
+    return _Lines(lines, found.changed or lines != found.lines, (*found.notes, *notes))
 
 
 def _run(made: Callable[[Mapping[tuple[str, int], str]], _R]) -> tuple[_R, list[str]]:

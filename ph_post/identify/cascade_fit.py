@@ -8,7 +8,7 @@ left; as far as a log shows no more they hide in the dead time.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import Final, NamedTuple
 
@@ -321,45 +321,18 @@ def cascaded_axis(
     """Fit a cascade to all samples, and return its estimates and the axis with them, rounded as they are written."""
     counted = with_all_samples(problem)
     names = found.fit.names
-    plant = fit_drive(counted, found.fit.plant, names).plant
-    best = tangent(counted, plant, names)
+    best = tangent(counted, fit_drive(counted, found.fit.plant, names).plant, names)
     errors = _errors(best)
-    said = [*notes, *found.verdict.notes]
-    if "friction" in names:
-        size = plant.coulomb_plus / MICROMETRE
-        said.append(
-            f"friction of {size:.2g} µm of following error was fitted beside the gains and is not written: run ph-post"
-            " diagnose to name it"
-        )
-    if problem.plant.cascade is None:
-        said.insert(len(notes), "a cascade predicts the held-out samples better than a single loop")
-    if plant.cascade is not None and plant.cascade.dead_time < 0.0:
-        early = -plant.cascade.dead_time
-        if early > EARLY * problem.period:
-            said.append(f"the readings are {early / MS:.2g} ms early against their commands: taken for the recorder's")
+    plant = best.plant
+    if base_value(plant, "dead_time") < 0.0:
+        # Readings that are early are the recorder's: no drive has a dead time below 0.
         plant = with_base_value(plant, "dead_time", 0.0)
-    vague = [name for name in names if name not in MAY_BE_NONE and name not in LENGTHS and errors[name] > VAGUE]
-    if vague:
-        words = " and ".join(NAMES[one].replace("_", " ") for one in vague)
-        others = "each other" if len(vague) > 1 else "the other gains"
-        said.append(f"{words} cannot be told from {others} by this log; what they do to the path together is known")
-    if found.verdict.fit is None and found.verdict.bound is not None:
-        said.append(f"the log shows no backlash above {found.verdict.bound / MICROMETRE:.2g} µm")
     parameters = _estimates(plant, errors)
-    less = _like_feedforward(plant)
-    if less > NOTED:
-        weight = base_value(plant, "velocity_feedforward")
-        said.append(
-            f"feed-forward is {100.0 * weight:.3g} % if the command is late by the dead time, and"
-            f" {100.0 * (weight - less):.3g} % if the position loop is, as where a drive computes in steps; the path is"
-            " the same"
-        )
-    if "gap" in names and plant.loop.encloses_backlash:
-        said.append(f"the lost motion is given for inertia_fraction = {plant.eta:.4g}")
     left = best.left
     if "friction" in names:
         left = residuals(counted, replace(best.plant, coulomb_plus=0.0, coulomb_minus=0.0))
     rms = position_rms(counted, left, counted.counted)
+    said = [*notes, *_remarks(problem, found, best, errors)]
     if rms > CLEAN * problem.noise_floor:
         said.append(
             f"the free run misses the readings by {rms / MICROMETRE:.3g} µm rms, their noise is "
@@ -381,6 +354,40 @@ def cascaded_axis(
         notes=tuple(said),
     )
     return drive, axis
+
+
+def _remarks(problem: AxisProblem, found: CascadeFit, best: DriveFit, errors: Mapping[str, float]) -> Iterator[str]:
+    """Say what has to be known of a cascade that is fitted to all samples; `errors` are those of its numbers."""
+    names, plant = found.fit.names, best.plant
+    if problem.plant.cascade is None:
+        yield "a cascade predicts the held-out samples better than a single loop"
+    yield from found.verdict.notes
+    if "friction" in names:
+        size = plant.coulomb_plus / MICROMETRE
+        yield (
+            f"friction of {size:.2g} µm of following error was fitted beside the gains and is not written: run ph-post"
+            " diagnose to name it"
+        )
+    early = -base_value(plant, "dead_time")
+    if early > EARLY * problem.period:
+        yield f"the readings are {early / MS:.2g} ms early against their commands: taken for the recorder's"
+    vague = [name for name in names if name not in MAY_BE_NONE and name not in LENGTHS and errors[name] > VAGUE]
+    if vague:
+        words = " and ".join(NAMES[one].replace("_", " ") for one in vague)
+        others = "each other" if len(vague) > 1 else "the other gains"
+        yield f"{words} cannot be told from {others} by this log; what they do to the path together is known"
+    if found.verdict.fit is None and found.verdict.bound is not None:
+        yield f"the log shows no backlash above {found.verdict.bound / MICROMETRE:.2g} µm"
+    less = _like_feedforward(plant)
+    if less > NOTED:
+        weight = base_value(plant, "velocity_feedforward")
+        yield (
+            f"feed-forward is {100.0 * weight:.3g} % if the command is late by the dead time, and"
+            f" {100.0 * (weight - less):.3g} % if the position loop is, as where a drive computes in steps; the path is"
+            " the same"
+        )
+    if "gap" in names and plant.loop.encloses_backlash:
+        yield f"the lost motion is given for inertia_fraction = {plant.eta:.4g}"
 
 
 def _like_feedforward(plant: Plant) -> float:

@@ -12,7 +12,7 @@ import re
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -287,10 +287,40 @@ def read_fanuc(
         As there.
     """
     lines = lines_of(data, name)
-    texts = [text_of(data, lines, number) for number in range(lines.size - 1)]
-    bare = masked(data)
     asked, lathe = lathe, lathe or is_turned(data)
     by_words = lathe and has_increments_by_words(data)
+    text = _translated(data, lines, calculator=calculator, lathe=lathe, by_words=by_words)
+    language = Language(
+        lengths=None if calculator else partial(in_increments, decimals=decimals),
+        further=FURTHER,
+        shortest=True,
+        contours=contours,
+        diameters=lathe,
+        fixed=_fixed_modes(text.bare, by_words=by_words) if lathe else {},
+    )
+    found = read_translated(data, lines, name, text.lines, text.remarks, in_place=True, language=language)
+    found = _in_seconds(with_nurbs(found, text.nurbs), text.dwells)
+    found = _say_diameters(found) if lathe and not asked else found
+    return found if calculator else _say_increments(found, text.lines, decimals)
+
+
+class _Translated(NamedTuple):
+    """Lines in words that :func:`ph_post.gcode.read.read_program` knows, and what they do not say.
+
+    `bare` is the program without its comments; `dwells` are the powers of ten of the seconds in lines' P words.
+    """
+
+    bare: bytes
+    lines: list[bytes]
+    remarks: dict[int, Remark]
+    dwells: dict[int, int]
+    nurbs: list[NurbsBlocks]
+
+
+def _translated(data: bytes, lines: PlaceArray, *, calculator: bool, lathe: bool, by_words: bool) -> _Translated:
+    """Translate the words that are Fanuc's own, line by line, and pass through what is not understood."""
+    texts = [text_of(data, lines, number) for number in range(lines.size - 1)]
+    bare = masked(data)
     places = [found.start() for found in _ODD.finditer(bare)]
     places += [found.start() for found in _TURNED.finditer(bare)] if lathe else []
     odd = np.unique(np.searchsorted(lines, places, "right") - 1)
@@ -324,19 +354,7 @@ def read_fanuc(
     nurbs = find_nurbs(bare, lines, curved, calculator=calculator)
     for one in nurbs:
         one.write(texts, remarks)
-    rule = None if calculator else partial(in_increments, decimals=decimals)
-    language = Language(
-        lengths=rule,
-        further=FURTHER,
-        shortest=True,
-        contours=contours,
-        diameters=lathe,
-        fixed=_fixed_modes(bare, by_words=by_words) if lathe else {},
-    )
-    found = read_translated(data, lines, name, texts, remarks, in_place=True, language=language)
-    found = _in_seconds(with_nurbs(found, nurbs), dwells)
-    found = _say_diameters(found) if lathe and not asked else found
-    return found if calculator else _say_increments(found, texts, decimals)
+    return _Translated(bare, texts, remarks, dwells, nurbs)
 
 
 def _fixed_modes(bare: bytes, *, by_words: bool) -> dict[int, float]:
