@@ -65,6 +65,25 @@ class Element(msgspec.Struct, frozen=True, kw_only=True):
         return self.center + (place - self.center) / abs(place - self.center) * self.radius
 
 
+def arc_by_radius(start: complex, end: complex, radius: float, *, left: bool) -> Element | None:
+    """Return the arc of at most half a turn between two places.
+
+    None where there is none, or the arc takes more than half a turn (its radius is below 0): the sign of its radius
+    would have to change where a corner takes a part of it.
+
+    Examples
+    --------
+    >>> arc_by_radius(0j, 2 + 2j, 2.0, left=True).center
+    2j
+    """
+    half = 0.5 * abs(end - start)
+    if start == end or radius < half:
+        return None
+    side = 1j if left else -1j
+    center = 0.5 * (start + end) + side * (end - start) / abs(end - start) * math.sqrt(radius**2 - half**2)
+    return Element(start=start, end=end, center=center, left=left)
+
+
 class Corner(msgspec.Struct, frozen=True, kw_only=True):
     """What stands between two elements: from `begin` to `end`, an arc of `radius` that turns `left`, or a line."""
 

@@ -9,14 +9,14 @@ whose feed it has otherwise is a setting.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from typing import Final
 
 import msgspec
 
-from ph_post.expand.corners import Corner, Element, Kind, corner_between
+from ph_post.expand.corner_follower import CornerFollower, OpenCorner
+from ph_post.expand.corners import Corner, Element, Kind, arc_by_radius
 from ph_post.expand.faults import NotExpandableError
 from ph_post.expand.macro import FanucNumbers, plain_value, word_text
 from ph_post.expand.writing import number_text
@@ -35,7 +35,10 @@ _DECIMALS: Final = 6
 
 
 class IsoMove(msgspec.Struct, kw_only=True):
-    """A block that moves: what stands before and behind its words, these, and the motion that it makes."""
+    """A block that moves: what stands before and behind its words, these, and the motion that it makes.
+
+    `wrote` is where it begins as that is written, rounded.
+    """
 
     lead: str
     words: list[tuple[str, str]]
@@ -44,10 +47,18 @@ class IsoMove(msgspec.Struct, kw_only=True):
     absolute: bool
     element: Element | None = None
     wrote: complex | None = None
-    corner: tuple[str, float] | None = None
+
+    @property
+    def feed(self) -> str:
+        """The number of its F word."""
+        return self.number("F")
+
+    def number(self, name: str) -> str:
+        """Return the number of a word, empty where it has none."""
+        return next((number for word, number in self.words if word == name), "")
 
 
-class IsoCorners:
+class IsoCorners(CornerFollower[IsoMove]):
     """Follows blocks in the plane of X and Y, and writes their corners out.
 
     Parameters
@@ -64,32 +75,28 @@ class IsoCorners:
     """
 
     def __init__(self, lines: Sequence[str], fanuc: FanucNumbers | None) -> None:
-        self.notes: list[str] = []
+        super().__init__()
         self._lines, self._fanuc = list(lines), fanuc
         self._mode: int | None = None
-        self._absolute, self._plane, self._units, self._scaled = True, True, 210, False
-        self._at: dict[str, float] = {}
-        self._feed = ""
-        self._open: tuple[int, IsoMove] | None = None
+        self._absolute, self._units = True, 210
 
     def written(self) -> list[str]:
         """Return the lines."""
-        out: list[list[str]] = []
         ended = False
         for line in self._lines:
-            out.append([line])
+            self._out.append([line])
             bare = self._bare(line)
             if ended or not bare.strip() or bare.lstrip()[:1] in ("%", "O", ":"):
                 continue
-            ended = self._follow(out, line, bare)
+            ended = self._follow(line, bare)
         self._close("no move behind it")
-        return [line for lines in out for line in lines]
+        return [line for lines in self._out for line in lines]
 
     def _bare(self, line: str) -> str:
         pattern = r";.*" if self._fanuc is None else r"\([^)]*\)?|;.*"
         return re.sub(pattern, lambda found: " " * len(found[0]), line).upper()
 
-    def _follow(self, out: list[list[str]], line: str, bare: str) -> bool:
+    def _follow(self, line: str, bare: str) -> bool:
         """Follow a line; return whether the program ends in it."""
         lead = _LEAD.match(bare)
         assert lead is not None
@@ -112,7 +119,7 @@ class IsoCorners:
             move = IsoMove(
                 lead=line[: lead.end()], words=words, tail=line[at:], mode=self._mode, absolute=self._absolute
             )
-            self._move(out, move, still=bool(orders))
+            self._move(move, still=bool(orders))
         else:
             self._close("no move behind it")
             self._take_feed(words)
@@ -152,37 +159,29 @@ class IsoCorners:
     def _take_feed(self, words: list[tuple[str, str]]) -> None:
         self._feed = next((number for name, number in words if name == "F"), self._feed)
 
-    def _move(self, out: list[list[str]], move: IsoMove, *, still: bool) -> None:
+    def _move(self, move: IsoMove, *, still: bool) -> None:
         given = {name: self._value(name, number) for name, number in move.words if name not in ("N", "G", "M")}
-        start, height = self._place(), self._at.get("Z")
-        for axis in ("X", "Y", "Z"):
-            if axis in given:
-                base = 0.0 if move.absolute else self._at.get(axis)
-                self._at.pop(axis, None)
-                if base is not None:
-                    self._at[axis] = base + given[axis]
-        end = self._place()
-        known = start is not None and end is not None and self._plane and self._at.get("Z") == height
-        known = known and not {"K", "A", "B", "C", "U", "V", "W", "P"} & given.keys()
-        if known and start is not None and end is not None:
-            move.element = self._element(move, given, start, end)
-        opened, self._open = self._open, None
-        if opened is not None:
-            try:
-                self._write(out, opened, move)
-            except NotExpandableError as error:
-                self._note(opened[1], error.what)
+        ends: dict[str, float] = {axis: given[axis] for axis in ("X", "Y", "Z") if axis in given}
+        way = self._go(ends, steps=() if move.absolute else ends)
+        if way is not None and not {"K", "A", "B", "C", "U", "V", "W", "P"} & given.keys():
+            move.element = self._element(move, given, *way)
+            move.wrote = way[0]
+        self._finish(move)
         self._take_feed(move.words)
-        move.wrote = start if move.wrote is None else move.wrote
         kind = next((name for name in given if name in _KINDS), "")
         if kind:
-            move.corner = kind, given[kind]
-            self._open = len(out) - 1, move
+            row = len(self._out) - 1
+            self._open = OpenCorner(
+                words=_joined(kind, f"{given[kind]:g}"),
+                kind=_KINDS[kind],
+                size=given[kind],
+                own_feed=move.number("FRC"),
+                before=move,
+                move_row=row,
+                row=row,
+            )
             if still:
                 self._close("an M function beside it")
-
-    def _place(self) -> complex | None:
-        return complex(self._at["X"], self._at["Y"]) if {"X", "Y"} <= self._at.keys() else None
 
     def _element(self, move: IsoMove, given: dict[str, float], start: complex, end: complex) -> Element | None:
         if start == end or move.mode == 0:
@@ -190,44 +189,26 @@ class IsoCorners:
         if move.mode == 1:
             return Element(start=start, end=end)
         left, radius = move.mode == 3, given.get("R", given.get("CR"))
-        if radius is None:
-            return Element(
-                start=start, end=end, center=start + complex(given.get("I", 0.0), given.get("J", 0.0)), left=left
-            )
-        half = 0.5 * abs(end - start)
-        if radius < half:
-            return None  # more than half a turn, whose sign would have to change, or none
-        side = 1j if left else -1j
-        center = 0.5 * (start + end) + side * (end - start) / abs(end - start) * math.sqrt(radius**2 - half**2)
+        if radius is not None:
+            return arc_by_radius(start, end, radius, left=left)
+        center = start + complex(given.get("I", 0.0), given.get("J", 0.0))
         return Element(start=start, end=end, center=center, left=left)
 
-    def _write(self, out: list[list[str]], opened: tuple[int, IsoMove], after: IsoMove) -> None:
-        row, before = opened
-        assert before.corner is not None
-        if self._scaled:
-            raise NotExpandableError("whether its size is scaled too is not said")
-        if before.element is None or after.element is None or before.wrote is None:
-            raise NotExpandableError("one of its moves is no cut in the plane of X and Y from a known place")
-        name, size = before.corner
-        own = next((number for word, number in before.words if word == "FRC"), "")
-        feed = next((number for word, number in before.words if word == "F"), self._feed)
-        other = next((number for word, number in after.words if word == "F"), "")
-        if self._fanuc is None and not own and other and other != feed:
+    def _write(self, opened: OpenCorner[IsoMove], after: IsoMove) -> None:
+        before = opened.before
+        feed = before.feed or self._feed
+        if self._fanuc is None and not opened.own_feed and after.feed not in ("", feed):
             raise NotExpandableError("the feed changes behind it, and a setting says which one it has")
-        if own and not (other or feed):
-            raise NotExpandableError("it has a feed, and that behind it is not known")
-        found = corner_between(before.element, after.element, _KINDS[name], size)
-        before.element = msgspec.structs.replace(before.element, end=found.begin)
+        found = self._cut(opened, after)
+        assert before.wrote is not None
         text, place = self._rewritten(before, before.wrote)
-        corner, place = self._corner(before, found, place, own)
-        after.element = msgspec.structs.replace(after.element, start=found.end)
-        after.wrote = place
-        out[row][-1] = text
-        if own and not other:
+        corner, after.wrote = self._corner(before, found, place, opened.own_feed)
+        self._out[opened.move_row][-1] = text
+        if opened.own_feed and not after.feed:
             after.words.append(("F", feed))
         if not any(word == "G" and float(number) == after.mode for word, number in after.words):
             after.words.insert(0, ("G", str(after.mode)))
-        out[-1] = [corner, self._rewritten(after, place, corner=True)[0]]
+        self._out[-1] = [corner, self._rewritten(after, after.wrote, corner=True)[0]]
 
     def _ends(self, move: IsoMove, end: complex, wrote: complex) -> tuple[list[str], complex]:
         """Return the words of a place in the plane, and that place as it is written."""
@@ -256,17 +237,6 @@ class IsoCorners:
             word = "G3" if found.left else "G2"
             ends.append(f"CR={self._text('', found.radius)}" if self._fanuc is None else self._text("R", found.radius))
         return " ".join([word, *ends, *([f"F{feed}"] if feed else [])]), place
-
-    def _close(self, why: str) -> None:
-        if self._open is not None:
-            self._note(self._open[1], why)
-        self._open = None
-
-    def _note(self, move: IsoMove, why: str) -> None:
-        assert move.corner is not None
-        said = f"{_joined(move.corner[0], f'{move.corner[1]:g}')} stays as it is: {why}"
-        if said not in self.notes:
-            self.notes.append(said)
 
 
 def _joined(name: str, number: str) -> str:

@@ -16,7 +16,8 @@ from typing import Final
 
 import msgspec
 
-from ph_post.expand.corners import Corner, Element, Kind, corner_between
+from ph_post.expand.corner_follower import CornerFollower, OpenCorner
+from ph_post.expand.corners import Corner, Element, arc_by_radius
 from ph_post.expand.faults import NotExpandableError
 from ph_post.expand.klartext_lines import KlartextBlock, read_blocks, tnc_number
 
@@ -97,7 +98,7 @@ def _move_of(block: KlartextBlock) -> KlartextMove | None:
     return found
 
 
-class KlartextCorners:
+class KlartextCorners(CornerFollower[KlartextMove]):
     """Follows blocks in the plane of X and Y, and writes their corners out.
 
     Parameters
@@ -112,16 +113,11 @@ class KlartextCorners:
     """
 
     def __init__(self, lines: Sequence[str]) -> None:
-        self.notes: list[str] = []
-        self._out: list[list[str]] = []
+        super().__init__()
         self._blocks = read_blocks(lines)
-        self._at: dict[str, float] = {}
         self._pole: complex | None = None
         self._polar: tuple[float, float] | None = None
-        self._plane, self._scaled = True, False
-        self._feed = ""
         self._last: tuple[int, KlartextMove] | None = None
-        self._open: tuple[int, re.Match[str], tuple[int, KlartextMove]] | None = None
 
     def written(self) -> list[str]:
         """Return the lines."""
@@ -141,9 +137,18 @@ class KlartextCorners:
         if corner is not None:
             self._close("no move behind it")
             if self._last is None:
-                self._note(corner, "the move before it is not known")
+                self._stays(corner[0], "the move before it is not known")
             else:
-                self._open = index, corner, self._last
+                row, before = self._last
+                self._open = OpenCorner(
+                    words=corner[0],
+                    kind="radius" if corner[1] == "RND" else "legs",
+                    size=_value(corner[2]),
+                    own_feed=corner[3] or "",
+                    before=before,
+                    move_row=row,
+                    row=index,
+                )
             self._last = None
             return
         move = None if block.slash else _move_of(block)
@@ -173,9 +178,6 @@ class KlartextCorners:
         found = complex(places.get("X", had.real), places.get("Y", had.imag))
         return None if "Z" in places or "Q" in words or math.isnan(abs(found)) else found
 
-    def _place(self) -> complex | None:
-        return complex(self._at["X"], self._at["Y"]) if {"X", "Y"} <= self._at.keys() else None
-
     def _move(self, index: int, move: KlartextMove) -> None:
         to = self._from_polar(move) if move.word == "LP" else None
         if {91, 92, 89, 99} & set(move.functions) or (to is None and {"PR", "PA"} & move.places.keys()):
@@ -185,38 +187,18 @@ class KlartextCorners:
         self._polar = to if to is not None or {"X", "Y"} & move.places.keys() or move.word != "L" else self._polar
         if to is not None:
             self._out[index] = move.block.with_words(move.text())
-        start, height = self._place(), self._at.get("Z")
-        for axis, (step, number) in move.places.items():
-            base = self._at.get(axis) if step else 0.0
-            self._at.pop(axis, None)
-            if base is not None:
-                self._at[axis] = base + _value(number)
-        end = self._place()
-        if (
-            move.word != "CT"
-            and start is not None
-            and end is not None
-            and self._plane
-            and self._at.get("Z") == height
-            and move.feed != "MAX"
-        ):
-            move.element = self._element(move, start, end)
-        opened, self._open = self._open, None
+        ends = {axis: _value(number) for axis, (_, number) in move.places.items()}
+        way = self._go(ends, steps=[axis for axis, (step, _) in move.places.items() if step])
         if move.word == "CT":
-            known = opened is None and start is not None and end is not None
-            if not (known and start is not None and end is not None and self._tangential(move, start, end)):
+            if self._open is not None or way is None or not self._tangential(move, *way):
                 self._at, self._last = {}, None
-                if opened is not None:
-                    self._note(opened[1], "a tangential move behind it")
+                self._close("a tangential move behind it")
                 return
             self._out[index] = move.block.with_words(move.text())
-        if opened is not None:
-            try:
-                self._write(opened, move)
-            except NotExpandableError as error:
-                self._note(opened[1], error.what)
-            else:
-                self._out[index] = move.block.with_words(move.text())
+        elif way is not None and move.feed != "MAX":
+            move.element = self._element(move, *way)
+        if self._finish(move):
+            self._out[index] = move.block.with_words(move.text())
         self._feed = self._feed if move.feed in ("", "MAX") else move.feed
         self._last = index, move
 
@@ -255,50 +237,29 @@ class KlartextCorners:
     def _element(self, move: KlartextMove, start: complex, end: complex) -> Element | None:
         if move.word == "L":
             return None if start == end else Element(start=start, end=end)
-        left, center = move.sense == "+", self._pole
+        left = move.sense == "+"
         if not move.sense or start == end:
             return None
         if move.word == "CR":
-            radius, half = _value(move.radius) if move.radius else 0.0, 0.5 * abs(end - start)
-            if radius < half:
-                return None  # more than half a turn, whose sign of R would have to change, or none
-            side = 1j if left else -1j
-            center = 0.5 * (start + end) + side * (end - start) / abs(end - start) * math.sqrt(radius**2 - half**2)
-        return None if center is None else Element(start=start, end=end, center=center, left=left)
+            return arc_by_radius(start, end, _value(move.radius) if move.radius else 0.0, left=left)
+        return None if self._pole is None else Element(start=start, end=end, center=self._pole, left=left)
 
-    def _write(self, opened: tuple[int, re.Match[str], tuple[int, KlartextMove]], after: KlartextMove) -> None:
-        index, match, (row, before) = opened
-        kind: Kind = "radius" if match[1] == "RND" else "legs"
-        if self._scaled:
-            raise NotExpandableError("whether its size is scaled too is not said")
-        if before.element is None or after.element is None:
-            raise NotExpandableError("one of its moves is not one in the plane of X and Y from a known place")
+    def _write(self, opened: OpenCorner[KlartextMove], after: KlartextMove) -> None:
+        before = opened.before
         if not set(before.functions) <= _AT_THE_BEGIN or not set(after.functions) <= _AT_THE_BEGIN | _AT_THE_END:
             raise NotExpandableError("an M function beside it")
-        if match[3] and not (after.feed or self._feed):
-            raise NotExpandableError("it has a feed, and that behind it is not known")
-        found = corner_between(before.element, after.element, kind, _value(match[2]))
+        found = self._cut(opened, after)
         before.goes_to(found.begin)
-        before.element = msgspec.structs.replace(before.element, end=found.begin)
-        self._out[row] = before.block.with_words(before.text())
-        self._out[index] = read_blocks(self._out[index])[0].with_words(_corner_text(found, match[3]))
+        self._out[opened.move_row] = before.block.with_words(before.text())
+        corner = read_blocks(self._out[opened.row])[0]
+        self._out[opened.row] = corner.with_words(_corner_text(found, opened.own_feed))
+        assert after.element is not None
         after.goes_to(after.element.end)
-        after.element = msgspec.structs.replace(after.element, start=found.end)
-        if match[3] and not after.feed:
+        if opened.own_feed and not after.feed:
             after.feed = self._feed
 
-    def _close(self, why: str) -> None:
-        if self._open is not None:
-            self._note(self._open[1], why)
-        self._open = None
 
-    def _note(self, corner: re.Match[str], why: str) -> None:
-        said = f"{corner[0]} stays as it is: {why}"
-        if said not in self.notes:
-            self.notes.append(said)
-
-
-def _corner_text(found: Corner, feed: str | None) -> str:
+def _corner_text(found: Corner, feed: str) -> str:
     x, y = (tnc_number(value, _DECIMALS, sign=True) for value in (found.end.real, found.end.imag))
     text = f"L X{x} Y{y}"
     if found.radius:

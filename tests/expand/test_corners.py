@@ -166,11 +166,11 @@ def test_corners_by_hand(dialect: str, body: str, expected: list[str]) -> None:
 @pytest.mark.parametrize(
     ("dialect", "body", "why"),
     [
-        ("heidenhain", "L X+20\nCHF 5\nL Z+5\n", "one of its moves is not one in the plane of X and Y"),
+        ("heidenhain", "L X+20\nCHF 5\nL Z+5\n", "one of its moves is no cut in the plane of X and Y"),
         ("heidenhain", "L X+20\nCHF 30\nL Y+20\n", "a chamfer that is longer than its lines"),
         ("heidenhain", "L X+20 M5\nRND 3\nL Y+20\n", "an M function beside it"),
         ("heidenhain", "L X+20\nRND 3\nCYCL DEF 7.0\nL Y+20\n", "no move behind it"),
-        ("heidenhain", "L X+20 Y+20 FMAX\nRND 3\nL Y+0\n", "one of its moves is not one in the plane of X and Y"),
+        ("heidenhain", "L X+20 Y+20 FMAX\nRND 3\nL Y+0\n", "one of its moves is no cut in the plane of X and Y"),
         ("heidenhain", "L X+20\nRND 3\nLP PR+5 PA+0\n", "no move behind it"),
         ("fanuc", "X20. ,R5.\nG0 Y20.\n", "one of its moves is no cut in the plane of X and Y"),
         ("fanuc", "X20. ,R30.\nY20.\n", "a rounding that does not fit between its moves"),
