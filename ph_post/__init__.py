@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from ph_post.api.compensation import compensate, undo
     from ph_post.api.hand_measurements import measure
     from ph_post.api.inputs import read_log, read_machine, read_path, read_program
-    from ph_post.api.measurements import calibrate, diagnose, identify, sweep
+    from ph_post.api.interval_tables import sweep
+    from ph_post.api.measurements import calibrate, diagnose, identify
     from ph_post.api.motion import Inspection, Simulation, inspect, simulate
     from ph_post.api.outcomes import Compensation
     from ph_post.batch.run import batch as batch

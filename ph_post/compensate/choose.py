@@ -19,7 +19,6 @@ from ph_post.compensate.search import (
     DesignBounds,
     DesignSearch,
     TriedDesign,
-    allocate,
     best_of,
     largest_lag,
     rest_design,
@@ -28,6 +27,7 @@ from ph_post.compensate.search import (
 from ph_post.compensate.standstill import CREEP, creep_of_shape
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
 from ph_post.compensate.survey import Drives, SearchSite, search_sites
+from ph_post.compensate.time_shares import allocate
 from ph_post.compensate.trial import SAME_TURN, Surroundings, Trial, direction_at, find_surroundings
 from ph_post.simulate.assess import PICKUPS
 from ph_post.simulate.contour import Nominal, settling_time

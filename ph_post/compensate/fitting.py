@@ -6,10 +6,11 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate import plan_warnings
-from ph_post.compensate.feed_planner import FLAT, FeedPlanner, Site, ValidMotion, find_site
+from ph_post.compensate.feed_planner import FLAT, FeedPlanner, ValidMotion
 from ph_post.compensate.motion import FeedAlong
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.shapes import half_duration, half_length, lowest, mean, reported_ratio, soften
+from ph_post.compensate.sites import Site, find_site
 from ph_post.compensate.strategies.base import ProfileRequest
 from ph_post.compensate.trial import half_distances
 from ph_post.geometry.numeric import bisect

@@ -1,4 +1,4 @@
-"""Find good designs at a turning point by simulating many, and share the time out among turning points.
+"""Find good designs at a turning point by simulating many.
 
 The score of a design weighs two things: how much it shrinks the error on the machine as the file has it, up
 to a hundredfold, and how much in the worst of all cases. Friction is known so much worse than all else that there the
@@ -40,8 +40,6 @@ WORST: Final = 0.2
 BETTER: Final = 0.97
 """Ratio by which a design must be better than a quicker one to be a candidate beside it."""
 
-LEAST_TIME: Final = 1e-6
-"""Time [s] that a design takes at least where gains are weighed by it."""
 
 REST_PART: Final = 0.5
 """Part of the limits along the path with which a rest in the plain motion is reckoned."""
@@ -346,59 +344,3 @@ def _spread(starts: Sequence[TriedDesign], most: int = 3) -> list[TriedDesign]:
         if len(chosen) == most:
             break
     return chosen
-
-
-def allocate(
-    candidates: Sequence[Sequence[TriedDesign]], time: float, alone: Sequence[float] = ()
-) -> list[TriedDesign | None]:
-    """Pick a candidate for every window, or none, so that the worst is as good as the time allows.
-
-    Parameters
-    ----------
-    candidates : sequence of sequence of TriedDesign
-        Of every window, by the time they add: each better than those before it.
-    time : float
-        What may be added in all [s].
-    alone : sequence of float, optional
-        Merits [m] of windows that are left alone; infinite, as by default, where none may be that has candidates.
-
-    Returns
-    -------
-    list of TriedDesign or None
-        The quickest ones that reach the best common merit that the time allows; where a window cannot reach
-        it, its best. Where time is short, windows that are better alone than that are left alone; what time is left
-        goes to those that gain most by it.
-    """
-    merits = list(alone) or [math.inf] * len(candidates)
-    better = [[one for one in own if one.merit < merit] for own, merit in zip(candidates, merits, strict=True)]
-
-    def quickest(bound: float) -> list[TriedDesign | None]:
-        return [
-            None if not own or merit <= bound else next((one for one in own if one.merit <= bound), own[-1])
-            for own, merit in zip(better, merits, strict=True)
-        ]
-
-    def taken(picks: Sequence[TriedDesign | None]) -> float:
-        return sum(one.longer for one in picks if one is not None)
-
-    bounds = sorted({one.merit for own in better for one in own} | {merit for merit in merits if merit < math.inf})
-    if not bounds:
-        return [None] * len(candidates)
-    low, high = 0, len(bounds) - 1
-    while low < high:
-        middle = (low + high) // 2
-        if taken(quickest(bounds[middle])) <= time:
-            high = middle
-        else:
-            low = middle + 1
-    picks = quickest(bounds[low])
-    spare = time - taken(picks)
-    rest = [(number, one) for number, own in enumerate(better) if picks[number] is None for one in own]
-    for number, one in sorted(
-        rest,
-        key=lambda pair: (merits[pair[0]] ** 2 - pair[1].merit ** 2) / max(pair[1].longer, LEAST_TIME),
-        reverse=True,
-    ):
-        if picks[number] is None and one.longer <= spare:
-            picks[number], spare = one, spare - one.longer
-    return picks

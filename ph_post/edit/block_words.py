@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.edit.edits import MotionPart
+from ph_post.edit.motion_edits import MotionPart
 from ph_post.errors import InputError
 from ph_post.gcode.codes import takes_axes
 from ph_post.gcode.motion_parts import place, split_cubic

@@ -13,8 +13,9 @@ import numpy as np
 from ph_post.dialects.base import Dialect
 from ph_post.edit import block_words
 from ph_post.edit.block_words import PartWords, fine_decimals
-from ph_post.edit.edits import MotionEdit, MotionPart, StopEdit
+from ph_post.edit.edits import StopEdit
 from ph_post.edit.extrusion import filament_of, with_filament
+from ph_post.edit.motion_edits import MotionEdit, MotionPart
 from ph_post.edit.preconditions import why_kept_whole
 from ph_post.edit.word_shifts import MotionOffsets, stop_label
 from ph_post.errors import InputError

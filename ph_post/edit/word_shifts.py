@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.compiling import compiled, inner
-from ph_post.edit.edits import MotionEdit, StopEdit
+from ph_post.edit.edits import StopEdit
+from ph_post.edit.motion_edits import MotionEdit
 from ph_post.gcode.program import ARC, AXES, RAPID, PartProgram, PlaceArray
 from ph_post.types import Array, IntArray
 

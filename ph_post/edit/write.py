@@ -16,7 +16,8 @@ from ph_post.dialects.base import Dialect
 from ph_post.dialects.declaration import Declaration, declaration_lines, has_marks, marked
 from ph_post.edit.block_words import line_end
 from ph_post.edit.changes import Change, ChangeWriter
-from ph_post.edit.edits import EditOptions, Edits, schedule, stops_written
+from ph_post.edit.edits import EditOptions, Edits
+from ph_post.edit.motion_edits import schedule, stops_written
 from ph_post.edit.preconditions import own_setting, program_units, word_decimals
 from ph_post.edit.undo import Payload, payload_lines, restores, without_payload
 from ph_post.edit.word_shifts import (

@@ -16,7 +16,7 @@ from msgspec.structs import astuple, replace
 from ph_post.consistency import same
 from ph_post.drive.machinefile import machine_of
 from ph_post.errors import InputError, SolveError
-from ph_post.files.machine import AxisChange, EffectChange, Row, edit_axes, machine_document
+from ph_post.files.machine_text import AxisChange, EffectChange, Row, edit_axes, machine_document
 from ph_post.files.storage import SourceText, source_of
 from ph_post.identify.cascade_numbers import cascade_values
 from ph_post.identify.estimates import KEYS

@@ -16,7 +16,8 @@ import msgspec
 from ph_post.dialects.planners import settings_of, values_of
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import machine_of, read_machine
-from ph_post.files.machine import PLANNER_KEYS, Row, machine_document, written
+from ph_post.files.machine import PLANNER_KEYS
+from ph_post.files.machine_text import Row, machine_document, written
 from ph_post.files.storage import source_of
 from ph_post.types import LOOPS, USUAL_REFERENCE, Axis, Feedback, Loop, Machine
 from ph_post.units import MINUTE, MM, MM_PER_MIN, MS

@@ -17,8 +17,8 @@ from ph_post.progress import Progress, no_progress
 from ph_post.rehearse.linuxcnc import TIME_LIMIT, PlannerRecording, run_on_linuxcnc
 from ph_post.simulate.assess import backlash_scenarios
 from ph_post.simulate.contour import ContourError
+from ph_post.simulate.controllers.cut_path import CutPath
 from ph_post.simulate.controllers.deviation import (
-    CutPath,
     FollowedCut,
     ProgramError,
     cut_error,

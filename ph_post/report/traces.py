@@ -26,7 +26,8 @@ from ph_post.report.programs import window_views
 from ph_post.report.result_line import ResultSummary, summarize, summarize_program
 from ph_post.report.views import View, turning_point_views, windows_by_point
 from ph_post.simulate.contour import ContourError, Nominal, TurningError, turning_errors
-from ph_post.simulate.controllers.deviation import CutPath, cut_error
+from ph_post.simulate.controllers.cut_path import CutPath
+from ph_post.simulate.controllers.deviation import cut_error
 from ph_post.simulate.controllers.unknown import unknown_lines, unknown_motions
 from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Plan, Run, Scenario, TurningPoint
 from ph_post.units import MM

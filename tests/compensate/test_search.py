@@ -14,8 +14,9 @@ from ph_post.compensate.families import DesignFamily, ReversalCase
 from ph_post.compensate.motion import cycle_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
-from ph_post.compensate.search import DesignBounds, DesignSearch, TriedDesign, allocate
+from ph_post.compensate.search import DesignBounds, DesignSearch, TriedDesign
 from ph_post.compensate.shapes import single
+from ph_post.compensate.time_shares import allocate
 from ph_post.compensate.trial import Design, Surroundings, TrialResult
 from ph_post.drive.machinefile import read_machine
 from ph_post.files.path import read_path

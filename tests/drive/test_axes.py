@@ -20,7 +20,7 @@ from ph_post.files.storage import shipped
 from ph_post.gcode.read import read_program
 from ph_post.simulate.assess import assess
 from ph_post.simulate.contour import Nominal
-from ph_post.simulate.controllers.deviation import CutPath
+from ph_post.simulate.controllers.cut_path import CutPath
 from ph_post.simulate.controllers.run import run_program
 from ph_post.simulate.machine import simulate
 from ph_post.types import EffectSetting, Scenario

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from ph_post.diagnose.findings import improved_axis
 from ph_post.drive.machinefile import machine_of, machine_source
 from ph_post.errors import SolveError
-from ph_post.files.machine import AxisChange, edit_axes
+from ph_post.files.machine_text import AxisChange, edit_axes
 from ph_post.files.storage import SourceText, source_of
 from ph_post.identify.machinefile import diagnosed_machine
 from ph_post.types import AxisLog, EffectSetting, Log, frozen

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from support.amount import examples
 
 from ph_post.drive.machinefile import machine_of, machine_source
-from ph_post.files.machine import edit_axes
+from ph_post.files.machine_text import edit_axes
 from ph_post.files.storage import SourceText, shipped_names
 from ph_post.identify.machinefile import axis_change
 from ph_post.types import EffectSetting

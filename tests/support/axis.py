@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from ph_post.drive.machinefile import read_machine
-from ph_post.rehearse.linuxcnc import INSTALL, exclusive_linuxcnc, write_configuration
+from ph_post.rehearse.configuration import write_configuration
+from ph_post.rehearse.linuxcnc import INSTALL, exclusive_linuxcnc
 from support.pipelines import executable
 
 SYSTEM = "/usr/bin:/bin:/usr/sbin:/sbin"

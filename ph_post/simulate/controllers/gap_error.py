@@ -14,7 +14,8 @@ from ph_post.geometry.bands import Band
 from ph_post.simulate.assess import AlikeRows, run_scenarios
 from ph_post.simulate.contour import ContourError, contour_error
 from ph_post.simulate.controllers.counterparts import Counterparts
-from ph_post.simulate.controllers.deviation import SLACK, FollowedCut
+from ph_post.simulate.controllers.cut_path import SLACK
+from ph_post.simulate.controllers.deviation import FollowedCut
 from ph_post.simulate.controllers.exact_path import steps_of
 from ph_post.simulate.machine import simulate
 from ph_post.types import Array, Command, IntArray, Machine, Scenario

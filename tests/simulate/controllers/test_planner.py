@@ -13,7 +13,8 @@ from ph_post.errors import InputError, TooLargeError
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import read_program
 from ph_post.geometry.closest import closest_within
-from ph_post.simulate.controllers.deviation import CutPath, pieces_of, program_error
+from ph_post.simulate.controllers.cut_path import CutPath, pieces_of
+from ph_post.simulate.controllers.deviation import program_error
 from ph_post.simulate.controllers.moves import linking_of, moved_axes, tolerance_of
 from ph_post.simulate.controllers.run import DRAINED, DWELL, SMOOTHING, run_program
 from ph_post.types import Command, Machine, PlannerSettings
