@@ -10,7 +10,7 @@ from ph_post.api.options import CompensateOptions
 from ph_post.dialects.declaration import read_declaration
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
-from ph_post.expand.macro import FanucNumbers
+from ph_post.expand.macro import FanucNumbers, is_doubtful
 from ph_post.expand.tools import ToolShape, tools_of_table
 from ph_post.expand.writing import EXPANDED, Written
 from ph_post.files.storage import SourceBytes, read_source
@@ -68,6 +68,7 @@ def expanded_job(
             fanuc = FanucNumbers(
                 decimals=4 if "isc" in dialect else 3,
                 calculator="calculator" in dialect,
+                doubtful=is_doubtful(job.data),
                 clearance=None if options.peck_clearance is None else options.peck_clearance / MM,
                 lathe="lathe" in dialect,
             )

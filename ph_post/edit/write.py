@@ -406,5 +406,12 @@ def declare(
         commands=dialect.notices.guard if machine.own_correction is not None else (),
         closing=dialect.notices.closing(machine.own_correction) if machine.own_correction is not None else "",
         # Only firmware that can be told so in a program is told it in the head as well.
-        notes=(UNTURNED, *turning, *held, *(own_setting(dialect, machine) if dialect.notices.guard else ()), *notes),
+        notes=(
+            UNTURNED,
+            *turning,
+            *held,
+            *program.language.head,
+            *(own_setting(dialect, machine) if dialect.notices.guard else ()),
+            *notes,
+        ),
     )

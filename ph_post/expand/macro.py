@@ -35,13 +35,37 @@ class FanucNumbers(msgspec.Struct, frozen=True, kw_only=True):
     """How a control counts: decimals of a mm in its increments, and whether a length without a point is in units.
 
     `clearance` [mm] is how far G73 and G83 back off (parameters 5114 and 5115), None where nobody says; `lathe` says
-    that it is the control of a lathe.
+    that it is the control of a lathe; `doubtful` that nobody knows whether such a length is in units.
     """
 
     decimals: int = 3
     calculator: bool = False
+    doubtful: bool = False
     clearance: float | None = None
     lathe: bool = False
+
+
+COUNTED: Final = "lengths without a decimal point count in increments"
+"""What the head of a compensated program says where that is so: its lines with such lengths may be others."""
+SMALL: Final = 1000
+"""Lengths without a decimal point that are below this many increments are doubtful where all of a program are."""
+_PLACES: Final = re.compile(rb"[XYZUVWIJR][ \t]*[-+]?[ \t]*0*([1-9]\d*)(?![\d.])", re.IGNORECASE)
+_NO_PLACES: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*|G0*4(?!\d)[^\r\n]*", re.IGNORECASE)
+
+
+def is_doubtful(data: bytes) -> bool:
+    r"""Return whether nobody knows from a program what its lengths without a decimal point count in.
+
+    A setting of the control makes them increments or mm (parameter 3401, bit 0). Where all of them are so small that
+    nothing of it moves by a millimetre in increments, whoever wrote it most likely meant mm.
+
+    Examples
+    --------
+    >>> is_doubtful(b"G1 X25 Y-27.5"), is_doubtful(b"G1 X25000 Y-500"), is_doubtful(b"G1 X25. (X25)\nG4 X2")
+    (True, False, False)
+    """
+    found = [int(one[1]) for one in _PLACES.finditer(_NO_PLACES.sub(b" ", data))]
+    return bool(found) and max(found) < SMALL and COUNTED.encode().upper() not in data.upper()
 
 
 class Empty(float):
@@ -303,7 +327,7 @@ def word_text(letters: str, value: float, decimals: int) -> str:
 
 
 def plain_value(letters: str, number: str, numbers: FanucNumbers, units: int) -> float:
-    """Return the value of a word that is no expression, NaN where it counts in increments of unknown `units`.
+    """Return the value of a word that is no expression, NaN where it counts in increments of unknown `units` or size.
 
     Examples
     --------
@@ -313,7 +337,7 @@ def plain_value(letters: str, number: str, numbers: FanucNumbers, units: int) ->
     value = float(number or "nan")
     if letters[-1] not in _LENGTHS or "." in number or value == 0.0 or numbers.calculator:
         return value
-    if units == 0:
+    if units == 0 or numbers.doubtful:
         return math.nan
     return value * 10.0 ** -(numbers.decimals + (1 if units == 200 and letters[-1] not in "abc" else 0))
 

@@ -1,4 +1,4 @@
-"""How programs of Fanuc's lathes are told from those of its mills, and which of their lines a cycle takes as data.
+"""How programs of lathes are told from those of mills, and which lines of Fanuc's a cycle takes as data.
 
 FANUC Series 30i/31i/32i-MODEL B, Operator's Manual for Lathe System, B-64484EN-1: G50 with S alone is the spindle's
 highest speed (G code system A), G70 to G73 with P and Q are multiple repetitive cycles, and the blocks from the
@@ -16,6 +16,10 @@ _OTHERS: Final = re.compile(rb"[XYZR]\s*[-+.\d]")
 _FASTEST: Final = re.compile(rb"G50\s*S\s*\d")
 _SURFACE: Final = re.compile(rb"G96(?![\d.])")
 
+_FEED: Final = re.compile(rb"(?<![A-Z_])F[ \t]*=?[ \t]*(\d+\.?\d*|\.\d+)")
+SLOWEST: Final = 2.0
+"""Feeds [mm/min or inch/min] up to which all of a program are more likely feeds a turn [mm or inch]."""
+
 _GROUP_1: Final = re.compile(rb"G0*(?:[0123]|32|34)(?![\d.])")
 _PLACES: Final = re.compile(rb"[XZUW]\s*[-+.\d]")
 _DISTANCE: Final = re.compile(rb"G9([01])(?![\d.])")
@@ -27,19 +31,42 @@ _COMMENT: Final = re.compile(rb"\([^)\n\r]*\)?")
 def is_turned(data: bytes) -> bool:
     r"""Return whether a program of Fanuc's is one of a lathe: it has words that no mill has.
 
-    Those that `--expand` wrote out stand in comments, and are found there.
+    Those that `--expand` wrote out stand in comments, and are found there. It is one of a lathe, too, that moves X and
+    Z alone, at feeds that are none a minute.
 
     Examples
     --------
     >>> is_turned(b"G50 S2500\nG96 S200 M3\n"), is_turned(b"G71 P10 Q20 U0.4 W0.1 F0.2\n")
     (True, True)
+    >>> is_turned(b"G0 X20. Z1.\nG1 Z-5. F0.1\n"), is_turned(b"G0 X20. Z1.\nG1 Z-5. F100.\n")
+    (True, False)
     >>> is_turned(b"G50\nG0 X1. S2500\n"), is_turned(b"G73 X1. Z-5. R1. Q2. P100\n")
     (False, False)
     """
     text = data.upper()
     if b"G50" in text and _FASTEST.search(text) and _SURFACE.search(text):
         return True
-    return b"G7" in text and any(_shape_of(found[0]) is not None for found in _CYCLE.finditer(text))
+    if b"G7" in text and any(_shape_of(found[0]) is not None for found in _CYCLE.finditer(text)):
+        return True
+    bare = _COMMENT.sub(b"", text)
+    return b"X" in bare and b"Z" in bare and b"Y" not in bare and has_feeds_per_turn(bare)
+
+
+def has_feeds_per_turn(bare: bytes) -> bool:
+    """Return whether all feeds of a program are too slow for any a minute.
+
+    Parameters
+    ----------
+    bare : bytes
+        The program in capitals, without comments.
+
+    Examples
+    --------
+    >>> [has_feeds_per_turn(text) for text in (b"G1 X1 F.2", b"F0.2 G1 X1 F100", b"G1 X1")]
+    [True, False, False]
+    """
+    feeds = [float(found[1]) for found in _FEED.finditer(bare)]
+    return bool(feeds) and max(feeds) <= SLOWEST
 
 
 def _shape_of(line: bytes) -> tuple[int, int] | None:

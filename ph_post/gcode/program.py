@@ -54,7 +54,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     dwell : tuple of (str, float)
         Letters of the time of a G4, each with its unit [s].
     fixed : mapping of int to float
-        Modes that no line changes, by column of a state (:mod:`ph_post.gcode.codes`).
+        Modes at the beginning, and wherever no line says which, by column of a state (:mod:`ph_post.gcode.codes`).
     feed_known : bool
         Whether a cut needs an F before it; if not, it is one whose feed is not known.
     bound : callable or None
@@ -96,6 +96,8 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         Effects of M words, by number, that are others than :data:`~ph_post.gcode.codes.M_EFFECT` has.
     diameters : bool
         Whether the numbers of X words are diameters, twice the places of the axis, as on lathes.
+    head : tuple of str
+        Notes in the head of a compensated program, by which it is read as its original was.
     """
 
     name: str = ""
@@ -121,6 +123,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     contours: bool = False
     effects: Mapping[int, int] = {}
     diameters: bool = False
+    head: tuple[str, ...] = ()
 
     @property
     def factors(self) -> IntArray:

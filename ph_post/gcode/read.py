@@ -241,7 +241,8 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
     """
     if language.read is not None:
         program = language.read(data, name)
-        language = msgspec.structs.replace(language, diameters=program.language.diameters)
+        own = program.language
+        language = msgspec.structs.replace(language, diameters=own.diameters, head=own.head)
         program = msgspec.structs.replace(program, language=language)
         if strict:
             refuse_notes(program)

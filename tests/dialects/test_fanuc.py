@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.editing import compensate
 
 from ph_post.dialects.fanuc.reader import read_fanuc
@@ -58,11 +59,11 @@ def test_words_that_move_nothing_are_seen_through(body: str) -> None:
 @pytest.mark.parametrize(
     ("body", "told"),
     [
-        ("G1 X20 Y10.\n", (1, 4, f"{INCREMENTS}: X20")),
-        ("G1 X-\t20 Y10.\n", (1, 4, f"{INCREMENTS}: X-\t20")),
-        ("G1 X20. Y-5\nX30\nX-40\n", (1, 9, f"{INCREMENTS}: Y-5")),
+        ("G1 X20000 Y10.\n", (1, 4, f"{INCREMENTS}: X20000")),
+        ("G1 X-\t2000 Y10.\n", (1, 4, f"{INCREMENTS}: X-\t2000")),
+        ("G1 X20. Y-5\nX30000\nX-40\n", (1, 9, f"{INCREMENTS}: Y-5")),
         ("G3 X10. Y10. I5000 J0.\n", (1, 14, f"{INCREMENTS}: I5000")),
-        ("G92 X100\n", (1, 5, f"{INCREMENTS}: X100")),
+        ("G92 X1000\n", (1, 5, f"{INCREMENTS}: X1000")),
         ("G4 X2\n", (1, 4, "dwell without a decimal point: X2")),
         ("G2 X20. Y10. I5. J0. P2\n", (1, 22, "word that no other on the line uses: P2")),
         ("#101=20.\n", (1, 1, "parameter: #101=20.")),
@@ -111,6 +112,45 @@ def test_numbers_without_a_point_count_in_the_increments_of_the_control(dialect,
     expected = [[0, 0], [20000 * step, 5 * point], [15000 * step, 5 * point], [15000 * step, 5 * point]]
     np.testing.assert_allclose(program.motions.end[-4:, :2] * 1e3, expected, rtol=1e-12)
     np.testing.assert_allclose(program.motions.center[-1] * 1e3, [15000 * step, 5 * point + 2500 * step], rtol=1e-12)
+
+
+SMALL = "G1 X25 Y-27.5\nX12.5\nX-3 Y2.\nX30. Y10.\nX12.\nX30.\n"
+
+
+def test_nobody_knows_whether_small_numbers_without_a_point_are_millimetres() -> None:
+    """As people write them who mean mm: on a control that counts in increments they would be nothing."""
+    program = read(SMALL)
+    assert [(note.first - LINES + 1, note.what.partition(" (")[0]) for note in program.notes] == [
+        (1, "lengths without a decimal point are mm or 0.001 mm, as the control is set: none of them is changed")
+    ]
+    ends = (program.motions.end[2:, 0] / MM).round(9)
+    assert ends[-4:].tolist() == [12.5, 30.0, 12.0, 30.0]
+    assert not np.isin(ends, [25.0, 0.025, -3.0, -0.003]).any()
+
+
+@pytest.mark.parametrize("lost", [0.05, 0.2])
+def test_no_line_with_such_a_number_is_changed_whatever_it_means(lost: float) -> None:
+    machine = read_machine("stepper")
+    axes = {name: replace(axis, gap=axis.gap.with_lost_motion(lost * MM)) for name, axis in machine.axes.items()}
+    data = (HEAD + SMALL + TAIL).encode()
+    made = compensate(data, replace(machine, axes=axes, dialect="fanuc"), dialect="fanuc")
+    kept = [line for line in made.text.splitlines() if line in (b"G1 X25 Y-27.5", b"X-3 Y2.")]
+    assert len(kept) == 2
+    assert len(made.text.splitlines()) > len(data.splitlines()) + 10
+    assert undo(made.text, "a.nc") == data
+
+
+def test_a_compensated_program_is_read_as_its_original_was() -> None:
+    """The line with the large number is another there, and small ones alone are left."""
+    body = "G1 X20000 Y10.\nY-5\nX19000 Y-6.\nX20000\nY15.\nX12.5\n"
+    machine = replace(read_machine("stepper"), dialect="fanuc")
+    made = compensate((HEAD + body + TAIL).encode(), machine, dialect="fanuc")
+    found = read_as("fanuc", made.text, "b.nc")
+    assert not np.isnan(found.motions.end[2:, :2]).any()
+    small = HEAD + "G1 X500\n" + TAIL
+    note = next(line for line in made.text.decode().splitlines() if "DECIMAL POINT COUNT" in line)
+    ends = [read_as("fanuc", text.encode(), "b.nc").motions.end[-1, 0] for text in (small, f"{note}\n{small}")]
+    np.testing.assert_array_equal(ends, [0.01, 0.0005])
 
 
 def test_numbers_without_a_point_are_millimetres_where_the_dialect_says_so() -> None:

@@ -351,3 +351,19 @@ def test_variables_that_the_program_defines_are_worked_out_in_place() -> None:
     )
     assert [note.what for note in program.notes] == ["parameter: DPT=HGT+SIN(3)", "X=DPT"]
     assert (1e3 * program.motions.end).round(9).tolist()[:3] == [[1, 1, 6.5], [-2, 1, 6.5], [-2, 1, 6]]
+
+
+@pytest.mark.parametrize("said", ["", "DIAMOF ", "DIAMON "])
+@pytest.mark.parametrize("turned", ["G95 G96 S200 LIMS=2500", "G95 S900\nCYCLE97(1.5)", "S900"])
+def test_a_lathe_s_x_is_followed_where_the_program_says_that_it_is_no_diameter(turned: str, said: str) -> None:
+    """A setting of the control decides otherwise, and an offset would be half of what it is to be."""
+    program = _read(f"{said}G18 G90\n{turned}\nG0 X40 Z2\nG1 Z-10 F0.2\nX50\nG1 X40\nM30\n")
+    assert bool(program.motions.kind.size) == (said == "DIAMOF ")
+    assert any("X may be a diameter" in note.what for note in program.notes) == (said == "")
+    assert np.isnan(program.motions.feed[program.motions.kind == LINE]).all()
+
+
+def test_a_mill_s_x_is_none() -> None:
+    program = _read("G17 G90 G94\nG0 X40 Y2\nG1 Y-10 F200\nX50\nM30\n")
+    assert program.motions.kind.size == 3
+    assert program.notes == ()

@@ -119,8 +119,19 @@ def test_an_offset_is_twice_as_large_in_its_words():
         assert verdict.ok is passed
 
 
+@pytest.mark.parametrize("head", [HEAD.replace(" G99", ""), "%\nO3\nG21 G40\nT0101\nG97 S1200 M3\n"])
+def test_no_feed_is_written_where_it_is_one_a_turn(head):
+    """A lathe begins with feeds a turn: 212 of them would be a crash."""
+    result, after = made_of(head + PROFILE)
+    written = {float(found) for found in re.findall(r"F([\d.]+)", no_comments(after))}
+    assert written == {0.1}
+    assert sum(row.compensated for row in result.axis_reversals) > 0
+    before, found = errors_of(HEAD + PROFILE, no_comments(after))
+    assert found < 0.2 * before
+
+
 def test_a_dialect_says_what_no_word_of_a_program_says():
-    text = "%\nO1\nG21 G99 G40\nG0 X50. Z2.\nG1 Z-5. F0.1\nG2 X60. Z-10. R5.\nM30\n%\n"
+    text = "%\nO1\nG21 G98 G40\nG0 X50. Z2.\nG1 Z-5. F100.\nG2 X60. Z-10. R5.\nM30\n%\n"
     ends = [
         read_as(dialect, text.encode(), "a.nc").motions.end[-1].tolist()[::2] for dialect in ("fanuc", "fanuc+lathe")
     ]

@@ -1,7 +1,8 @@
 """Read Fanuc programs: RS274 with a dozen words of its own, and NURBS by G06.2.
 
 The words are documented in :mod:`ph_post.dialects.fanuc.dialect`. A length without a decimal point counts in
-increments, or in millimetres (parameter 3401, bit 0), as the dialect says, and a note says so once. Custom macros
+increments, or in millimetres (parameter 3401, bit 0), as the dialect says, and a note says so once; where all of them
+are so small that mm are meant more likely, they are not known. Custom macros
 (``#1=``, ``IF``, ``WHILE``, ``GOTO``, G65 to G67) are not run: the lines that they may repeat, skip or move are passed
 through. NURBS become the rational Bézier curves between knots.
 """
@@ -35,8 +36,9 @@ from ph_post.dialects.reading import (
     read_translated,
     text_of,
 )
-from ph_post.expand.turning import has_increments_by_words, is_turned, shapes_of
-from ph_post.gcode.codes import ABSOLUTE, PLANE, QUIET
+from ph_post.expand.macro import COUNTED, SMALL, is_doubtful
+from ph_post.expand.turning import has_feeds_per_turn, has_increments_by_words, is_turned, shapes_of
+from ph_post.gcode.codes import ABSOLUTE, EXPRESSION, FEED_MODE, PLANE, QUIET
 from ph_post.gcode.program import AXES, NURBS, Language, Note, NurbsData, PartProgram, PlaceArray, WordSource, WordTable
 from ph_post.gcode.words import lines_of, read_words
 from ph_post.geometry.exact_polynomials import floats
@@ -204,6 +206,7 @@ _ODD: Final = re.compile(
 """What a line has that RS274 reads otherwise or not at all, or may have."""
 
 _TURNED: Final = re.compile(TURNED)
+_FEED_MODES: Final = re.compile(rb"G9[3458](?![\d.])|G99(?![\d.])")
 _OTHER_PLANES: Final = re.compile(rb"G1[79](?!\d)")
 
 _NO_CALL: Final = re.compile(rb"G67(?!\d)")
@@ -245,6 +248,30 @@ def in_increments(words: WordTable, data: bytes, *, decimals: int) -> WordTable:
     value = np.where(bare, words.value / 10.0**places, words.value)
     return msgspec.structs.replace(
         words, value=sealed(value), decimals=sealed((words.decimals + places).astype(np.int16))
+    )
+
+
+def in_doubt(words: WordTable, data: bytes, *, decimals: int) -> WordTable:
+    """Return words whose small lengths without a decimal point are not known.
+
+    Parameters
+    ----------
+    words, data, decimals
+        As of :func:`in_increments`, by which larger ones count.
+
+    Examples
+    --------
+    >>> from ph_post.gcode.words import lines_of, read_words
+    >>> data = b"G1 X25 Y1. Z0"
+    >>> in_doubt(read_words(data, lines_of(data, "a")).words, data, decimals=3).value.tolist()
+    [1.0, nan, 1.0, 0.0]
+    """
+    small = _without_point(words, data) & (np.abs(words.value) < SMALL)
+    found = in_increments(words, data, decimals=decimals)
+    return msgspec.structs.replace(
+        found,
+        value=sealed(np.where(small, np.nan, found.value)),
+        decimals=sealed(np.where(small, -1, found.decimals).astype(np.int16)),
     )
 
 
@@ -290,17 +317,21 @@ def read_fanuc(
     asked, lathe = lathe, lathe or is_turned(data)
     by_words = lathe and has_increments_by_words(data)
     text = _translated(data, lines, calculator=calculator, lathe=lathe, by_words=by_words)
+    doubtful = not calculator and is_doubtful(data)
+    rule = partial(in_doubt if doubtful else in_increments, decimals=decimals)
     language = Language(
-        lengths=None if calculator else partial(in_increments, decimals=decimals),
+        lengths=None if calculator else rule,
         further=FURTHER,
         shortest=True,
         contours=contours,
         diameters=lathe,
-        fixed=_fixed_modes(text.bare, by_words=by_words) if lathe else {},
+        fixed=_begun_modes(text.bare, lathe=lathe, by_words=by_words),
     )
     found = read_translated(data, lines, name, text.lines, text.remarks, in_place=True, language=language)
     found = _in_seconds(with_nurbs(found, text.nurbs), text.dwells)
     found = _say_diameters(found) if lathe and not asked else found
+    if doubtful:
+        return _say_doubts(found, text.lines)
     return found if calculator else _say_increments(found, text.lines, decimals)
 
 
@@ -357,9 +388,14 @@ def _translated(data: bytes, lines: PlaceArray, *, calculator: bool, lathe: bool
     return _Translated(bare, texts, remarks, dwells, nurbs)
 
 
-def _fixed_modes(bare: bytes, *, by_words: bool) -> dict[int, float]:
-    """Modes of a lathe that no line of its program changes, by column of a state."""
-    found = {} if _OTHER_PLANES.search(bare) else {PLANE: 18.0}
+def _begun_modes(bare: bytes, *, lathe: bool, by_words: bool) -> dict[int, float]:
+    """Modes in which a program begins, by column of a state, where they are others than RS274's.
+
+    A lathe begins with feeds a turn (B-64484EN-1; parameter 3402, bit 4), and so does whatever has only such feeds.
+    """
+    unsaid = has_feeds_per_turn(bare) and not _FEED_MODES.search(bare)
+    found = {FEED_MODE: 95.0} if lathe or unsaid else {}
+    found |= {PLANE: 18.0} if lathe and not _OTHER_PLANES.search(bare) else {}
     return found | ({ABSOLUTE: 1.0} if by_words else {})
 
 
@@ -381,19 +417,43 @@ def _with_note(program: PartProgram, note: Note) -> PartProgram:
     return msgspec.structs.replace(program, notes=tuple(notes))
 
 
-def _say_increments(program: PartProgram, texts: Sequence[bytes], decimals: int) -> PartProgram:
-    """Note the first length that counts in increments."""
+def _first_without_point(program: PartProgram, texts: Sequence[bytes]) -> tuple[int, int, str] | None:
+    """Return line, column and text of the first length that has no decimal point, None where all have."""
     translated = b"\n".join([*texts, b""])
     lines = lines_of(translated, program.name)
     words = read_words(translated, lines).words
     rows = np.flatnonzero(_without_point(words, translated) & (words.block <= program.breaks[-1].block))
     if not rows.size:
-        return program
+        return None
     block = int(words.block[rows[0]])
     text = translated[words.start[rows[0]] : words.end[rows[0]]].decode("ascii", "replace")
+    return block, int(words.start[rows[0]] - lines[block]) + 1, text
+
+
+def _say_doubts(program: PartProgram, texts: Sequence[bytes]) -> PartProgram:
+    """Note what nobody knows of lengths without a decimal point, in the place of what such lines are named for."""
+    found = _first_without_point(program, texts)
+    if found is None:
+        return program
+    block, column, text = found
+    what = (
+        "lengths without a decimal point are mm or 0.001 mm, as the control is set: none of them is changed"
+        f" (fanuc+calculator reads them in mm): {text}"
+    )
+    kept = [note for note in program.notes if note.why != EXPRESSION or b"#" in texts[note.first]]
+    program = msgspec.structs.replace(program, notes=tuple(kept))
+    return _with_note(program, Note(first=block, last=block, column=column, what=what, why=EXPRESSION))
+
+
+def _say_increments(program: PartProgram, texts: Sequence[bytes], decimals: int) -> PartProgram:
+    """Note the first length that counts in increments, which the head of what is written repeats."""
+    found = _first_without_point(program, texts)
+    if found is None:
+        return program
+    block, column, text = found
+    program = msgspec.structs.replace(program, language=msgspec.structs.replace(program.language, head=(COUNTED,)))
     step = f"1e-{decimals} mm or 1e-{decimals + 1} inch (fanuc+calculator: 1)"
     what = f"lengths without a decimal point count {step}: {text}"
-    column = int(words.start[rows[0]] - lines[block]) + 1
     return _with_note(program, Note(first=block, last=block, column=column, what=what, why=QUIET))
 
 

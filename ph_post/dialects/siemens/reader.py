@@ -15,7 +15,14 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, XYZ_ONLY, Remark, read_translated, text_of
+from ph_post.dialects.reading import (
+    FORGOTTEN,
+    NOT_UNDERSTOOD,
+    XYZ_ONLY,
+    Remark,
+    read_translated,
+    text_of,
+)
 from ph_post.dialects.siemens import words as tables
 from ph_post.dialects.siemens.jumps import find_stretches
 from ph_post.dialects.siemens.motions import with_extras
@@ -31,6 +38,8 @@ from ph_post.dialects.siemens.words import (
     without_comment,
 )
 from ph_post.expand.sinumerik import SYNCHRONIZED, definitions
+from ph_post.expand.turning import has_feeds_per_turn
+from ph_post.gcode.codes import FEED_MODE
 from ph_post.gcode.program import AXES, CENTERS, PartProgram, PlaceArray
 from ph_post.gcode.read import shortened
 from ph_post.gcode.words import lines_of
@@ -49,6 +58,13 @@ _ROUNDINGS: Final = frozenset(("RND", "CHF", "CHR", "RNDM"))
 """Corners that are rounded or chamfered: behind the block, with RNDM behind all."""
 
 _KNOWN: Final = frozenset((*tables.MOTIONS, "POLY", "CIP", ""))
+_TURNED: Final = re.compile(r"\b(?:G96[12]?|LIMS)\b|\bCYCLE9(?:[3-8]|[3-5]\d)\b", re.IGNORECASE)
+"""Words of lathes: a constant cutting speed and its limit (SINUMERIK 840D sl, Fundamentals, 6FC5398-1BP40-3BA1, 5.2),
+and the turning cycles, 93 to 98 and 930 to 952."""
+_DIAMETERS: Final = re.compile(r"\bDIAM(?:ON|OF|90)\b", re.IGNORECASE)
+_X: Final = re.compile(r"(?<![A-Z_$])X\s*=?\s*[-+.\d(A-Z]", re.IGNORECASE)
+_UNMEASURED: Final = "X may be a diameter, as a lathe's setting has it: DIAMON or DIAMOF says which"
+_FEED_MODES: Final = re.compile(rb"G9(?:[3-7]|6[12]|7[13])(?!\d)")
 _ELSEWHERE: Final = frozenset(("G53", "G153", "G500", "G54", "G55", "G56", "G57", "G70", "G71", "G700", "G710"))
 """G words behind which the places of axes have other numbers."""
 
@@ -491,13 +507,19 @@ def read_siemens(data: bytes, name: str, *, contours: bool = False) -> PartProgr
     """
     lines = lines_of(data, name)
     whole = [text_of(data, lines, number).decode("latin-1") for number in range(lines.size - 1)]
-    stretches = find_stretches([_STRING.sub('""', without_comment(text)) for text in whole])
+    bare = [_STRING.sub('""', without_comment(text)) for text in whole]
+    text = "\n".join(bare).encode("latin-1").upper()
+    turned = has_feeds_per_turn(text) and not _FEED_MODES.search(text)
+    stretches, measured = find_stretches(bare), _unmeasured(bare, turned=turned)
+    language = replace(XYZ_ONLY, contours=contours, fixed={FEED_MODE: 95.0} if turned else {})
     forced: dict[int, str] = {}
     while True:
         translator = Translator(computes=not stretches, forced=forced)
         texts = _translated(whole, lines, stretches, translator)
-        table = translator.rows.table()
-        remarks, language = translator.extras.remarks, replace(XYZ_ONLY, contours=contours)
+        table, remarks = translator.rows.table(), translator.extras.remarks
+        if measured is not None:
+            texts[measured] = b"G7 " + texts[measured]
+            remarks.setdefault(measured, Remark(what=_UNMEASURED))
         program = read_translated(data, lines, name, texts, remarks, in_place=False, language=language, words=table)
         program, refused = with_extras(program, translator.extras)
         tangents = dict.fromkeys(translator.tangents - {*forced}, "block before a tangential one")
@@ -505,6 +527,17 @@ def read_siemens(data: bytes, name: str, *, contours: bool = False) -> PartProgr
             centred = np.unique(np.array(translator.rows.centred, dtype=np.int32))
             return with_own_modes(replace(program, centred=sealed(centred)), translator.motions)
         forced |= refused | tangents
+
+
+def _unmeasured(bare: Sequence[str], *, turned: bool) -> int | None:
+    """Return the first line that moves X where none says whether X is a diameter, None in the program of a mill.
+
+    That of a lathe has words of its own, or feeds a turn (`turned`).
+    """
+    text = "\n".join(bare)
+    if (not turned and _TURNED.search(text) is None) or _DIAMETERS.search(text) is not None:
+        return None
+    return next((number for number, line in enumerate(bare) if _X.search(line)), None)
 
 
 def _translated(
