@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import Final
 
 import click
@@ -32,6 +33,8 @@ def command(out: str, as_json: bool) -> int:
     JSON:
       the same object as of convert, of the program
     """
+    from msgspec.structs import replace
+
     from ph_post.api.compensation import compensate
     from ph_post.api.program_compensation import ProgramCompensation
     from ph_post.cli.conversion import print_results
@@ -46,7 +49,8 @@ def command(out: str, as_json: bool) -> int:
 
     with ProgressPrinter() as progress:
         progress("reading")
-        raw = read_raw(str(shipped("programs", PROGRAM)))
+        program = str(PurePath(out, "pocket.ngc"))
+        raw = replace(read_raw(str(shipped("programs", PROGRAM))), name=program)
         result = compensate(raw, MACHINE, output="program", progress=progress)
         assert isinstance(result, ProgramCompensation)
         picture = program_picture(result.edited, result.machine, "auto", result.places, progress)
@@ -54,7 +58,7 @@ def command(out: str, as_json: bool) -> int:
         progress("drawing")
         folder = make_folder(out)
         products: dict[str, str | bytes] = {
-            str(folder / "pocket.ngc"): raw.data,
+            program: raw.data,
             str(folder / "pocket_compensated.ngc"): result.program(),
             str(folder / "pocket.html"): made.page(),
             str(folder / "pocket.png"): write_figure(made.figure(), "pocket.png"),

@@ -109,7 +109,10 @@ def new(
     for line in warnings:
         click.echo(f"warning: {line}", err=True)
     if output != "-":
-        click.echo(f"wrote {output}; it goes behind -m, as in: ph-post inspect PART -m {output}", err=True)
+        click.echo(
+            f"wrote {output}; it goes behind -m, as in: ph-post convert part.ngc -m {output} -o part_compensated.ngc",
+            err=True,
+        )
     return 0
 
 
@@ -160,7 +163,10 @@ def _warnings(made: NewMachine) -> list[str]:
     """Say what is to be put right before the machine file is of use."""
     warnings = []
     if still := _axes_with(made, "lost_motion_mm"):
-        warnings.append(f"no lost motion of {still}: nothing is compensated until a number stands in the file")
+        warnings.append(
+            f"no lost motion of {still}: nothing is compensated until a number stands in the file; ph-post calibrate"
+            " --without-log says how to measure it"
+        )
     if guessed := _axes_with(made, "c"):
         warnings.append(f"following error of {guessed} as another machine's: a table leads by it, measure it")
     return warnings

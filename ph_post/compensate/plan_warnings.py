@@ -190,7 +190,8 @@ def doubtful_values(machine: Machine, axes: Iterable[str]) -> list[str]:
         if SWIFT < one.limits.velocity < math.inf
     ]
     if drives and not any(one.gap.lost_motion > 0.0 for one in drives):
-        said.append(f"machine {machine.name} states no lost motion of {', '.join(one.name for one in drives)}")
+        names = ", ".join(one.name for one in drives)
+        said.append(f"the machine file states no lost motion of {names}: nothing is compensated there")
     return said
 
 

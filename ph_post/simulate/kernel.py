@@ -139,7 +139,7 @@ def half_gap(table: float, gap: Array) -> float:
 
 
 class ModeTables(NamedTuple):
-    """The modes of one axis as the engine takes them, see :class:`~ph_post.drive.automaton.Automaton`.
+    """The modes of one axis as the engine takes them, see :class:`~ph_post.drive.hybrid.Automaton`.
 
     `tables` are those of :func:`step_tables`, `slopes` the guards' rates of change; `static` [m] and `scale`
     [m/s] those of :func:`stribeck`, `waves` (waves, 3) those of :func:`cogging`. `gap` (6,) is that of

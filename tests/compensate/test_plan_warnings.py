@@ -29,7 +29,7 @@ def changed(lost: float | None = None, velocity: float | None = None) -> Machine
         (changed(lost=0.3 * MM, velocity=2.0), []),
         (changed(lost=6.0 * MM), ["axis X: a lost motion of 6 mm is unusual; is the machine file right?"]),
         (changed(velocity=3.0), ["axis X: max_velocity_mm_s = 3000 is 180 m/min; are these mm/min?"]),
-        (changed(lost=0.0), ["machine stepper router states no lost motion of X"]),
+        (changed(lost=0.0), ["the machine file states no lost motion of X: nothing is compensated there"]),
     ],
 )
 def test_numbers_that_look_like_another_unit_are_doubted(machine: Machine, said: list[str]) -> None:
