@@ -227,7 +227,7 @@ class KlartextRunner:
         self._keep(index, block)
 
     def _lose(self) -> None:
-        """Know no longer what holds for cycles: feed, radius compensation and the tool's axis."""
+        """Forget what holds for cycles: feed, radius compensation and the tool's axis."""
         self._feed, self._side, self._axis = None, "", ""
 
     def _write(self, index: int, block: KlartextBlock) -> None:

@@ -114,7 +114,7 @@ class KlartextStore(NumberStore):
         return found
 
     def forget_one(self, key: int) -> None:
-        """Know a parameter no longer."""
+        """Forget a parameter."""
         self.put(key, UNKNOWN)
 
 

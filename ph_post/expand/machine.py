@@ -96,7 +96,7 @@ class MachineState:
         self.modes["units"] = code
 
     def forget(self, axes: str = AXES) -> None:
-        """Know no longer where axes are."""
+        """Forget where axes are."""
         for axis in axes:
             self.place[axis] = UNKNOWN
 

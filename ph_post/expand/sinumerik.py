@@ -311,14 +311,14 @@ class SinumerikRunner:
         return ends
 
     def _forget_set(self, rest: str) -> None:
-        """Know no longer what a line sets that is not read here: words beside it may have either value."""
+        """Forget what a line sets that is not read here: words beside it may have either value."""
         if _ANY_SETTING.search(rest):
             self.store.numbers.clear()
         for found in self._patterns.set_anywhere.finditer(rest):
             self.store.numbers.pop(self._patterns.key(found[1]), None)
 
     def _forget_called(self, rest: str) -> None:
-        """Know no longer what another program may have set: one that a line calls, or every motion (MCALL)."""
+        """Forget what another program may have set: one that a line calls, or every motion (MCALL)."""
         modal = _MODAL_CALL.match(rest)
         if modal is not None:
             self._modal_call = modal[1] is not None
