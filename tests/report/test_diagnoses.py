@@ -8,6 +8,7 @@ import pytest
 from msgspec.structs import replace
 from support.diagnoses import BOTH_WAYS, COULOMB, LADDER, LOAD, STEPS, diagnosis, each_verdict
 
+from ph_post.drive.effects.registry import CATALOGUE
 from ph_post.report.diagnoses import diagnosis_lines, diagnosis_view
 from ph_post.report.effect_words import estimate_words, finding_sentence, label_words, verdict_sentences
 from ph_post.types.diagnosis import DroppedName, Estimate, ResidualStep
@@ -247,28 +248,8 @@ def test_numbers_end_where_their_standard_error_does(value, stderr, unit, words)
 
 
 def test_every_effect_of_the_interface_has_a_sentence_of_its_own():
-    names = [
-        "backlash",
-        "coulomb_friction",
-        "stribeck_friction",
-        "viscous_friction",
-        "friction_asymmetry",
-        "load_offset",
-        "elastic_windup",
-        "engagement_impact",
-        "position_dependent_backlash",
-        "cyclic_error",
-        "scale_error",
-        "thermal_growth",
-        "squareness",
-        "servo_mismatch",
-        "transport_delay",
-        "torque_saturation",
-        "cogging",
-        "cutting_force",
-    ]
-    sentences = {finding_sentence(replace(COULOMB, name=name)) for name in names}
-    assert len(sentences) == len(names)
+    sentences = {finding_sentence(replace(COULOMB, name=name)) for name in CATALOGUE}
+    assert len(sentences) == len(CATALOGUE)
     assert not [sentence for sentence in sentences if "_" in sentence]
     assert finding_sentence(replace(COULOMB, name="servo_mismatch")) == (
         "The servo of X differs from the file: force = 20.4 ± 0.1 N."

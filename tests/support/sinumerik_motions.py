@@ -20,20 +20,14 @@ _WORD = re.compile(
 )
 
 
-class Run:
+class Played:
     """Places (n, 3), whether each is reached while the tool cuts, and the time [s] that dwells and feeds take."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self) -> None:
         self.at = np.zeros(3)
         self.points: list[np.ndarray] = [self.at[None]]
         self.cuts: list[np.ndarray] = [np.zeros(1, dtype=bool)]
         self.seconds = 0.0
-        self._mode, self._absolute, self._feed = "G0", True, 1000.0
-        self._known: dict[str, float] = {}
-        for line in text.splitlines():
-            bare = re.sub(r'"[^"]*"', "", line).split(";")[0].strip()
-            if not bare.startswith("%"):
-                self._line(re.sub(r"^N\d+\s*", "", bare))
 
     @property
     def path(self) -> np.ndarray:
@@ -42,6 +36,19 @@ class Run:
     @property
     def cutting(self) -> np.ndarray:
         return np.concatenate(self.cuts)
+
+
+class Run(Played):
+    """A program of SINUMERIK, played."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self._mode, self._absolute, self._feed = "G0", True, 1000.0
+        self._known: dict[str, float] = {}
+        for line in text.splitlines():
+            bare = re.sub(r'"[^"]*"', "", line).split(";")[0].strip()
+            if not bare.startswith("%"):
+                self._line(re.sub(r"^N\d+\s*", "", bare))
 
     def _line(self, line: str) -> None:
         if re.match(r"(?:M?CALL|CYCLE|MSG|TRANS|A?ROT|DEF|G4\b|SPOS|MCALL)", line):

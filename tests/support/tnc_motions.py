@@ -11,19 +11,16 @@ import re
 
 import numpy as np
 
-from .sinumerik_motions import STEP, turn
+from .sinumerik_motions import STEP, Played, turn
 
 _PLACE = re.compile(r"(I?)([XYZ])([-+]?\d*\.?\d+)")
 
 
-class TncRun:
-    """Places (n, 3), whether each is reached while the tool cuts, and the time [s]."""
+class TncRun(Played):
+    """A conversational program, played."""
 
     def __init__(self, text: str) -> None:
-        self.at = np.zeros(3)
-        self.points: list[np.ndarray] = [self.at[None]]
-        self.cuts: list[np.ndarray] = [np.zeros(1, dtype=bool)]
-        self.seconds = 0.0
+        super().__init__()
         self.functions: list[str] = []
         self._pole, self._feed = np.zeros(3), 1000.0
         self._axes = [0, 1]
@@ -33,14 +30,6 @@ class TncRun:
             if bare.startswith("END PGM"):
                 break
             self._line(bare)
-
-    @property
-    def path(self) -> np.ndarray:
-        return np.concatenate(self.points)
-
-    @property
-    def cutting(self) -> np.ndarray:
-        return np.concatenate(self.cuts)
 
     def _line(self, line: str) -> None:
         word = line.split(" ", maxsplit=1)[0]

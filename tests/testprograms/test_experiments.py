@@ -11,6 +11,7 @@ import pytest
 from msgspec.structs import replace
 from support.testdrive import Drive
 
+from ph_post.drive.effects.registry import CATALOGUE
 from ph_post.drive.machinefile import read_machine
 from ph_post.gcode.read import read_program
 from ph_post.testprograms.experiments import SHOWN, next_experiment, separation
@@ -24,27 +25,6 @@ CENTRE = (120.0, -60.0)
 RADIUS, FEED = 40.0, 25.0
 """Of the circles of the record [mm, mm/s]."""
 
-CATALOGUE = (
-    "backlash",
-    "coulomb_friction",
-    "stribeck_friction",
-    "viscous_friction",
-    "friction_asymmetry",
-    "load_offset",
-    "elastic_windup",
-    "engagement_impact",
-    "position_dependent_backlash",
-    "cyclic_error",
-    "scale_error",
-    "thermal_growth",
-    "squareness",
-    "servo_mismatch",
-    "command_filter",
-    "transport_delay",
-    "torque_saturation",
-    "cogging",
-    "cutting_force",
-)
 PAIRS = list(itertools.combinations(CATALOGUE, 2))
 
 
