@@ -292,6 +292,33 @@ def _cascaded(given: _Given, control: ControlRecord) -> Servo:
     has both, that of the axis.
     """
     record = given.record
+    _refuse_single_loop(given, control)
+    gains = {key: getattr(control, key) for key, _ in _POSITION_GAINS}
+    units = dict(_POSITION_GAINS)
+    position_gain = given.agreed(
+        *((f"control.{key}", None if value is None else value * units[key]) for key, value in gains.items())
+    )
+    if position_gain is None:
+        raise given.missing("control.position_gain_per_s", "K_v, in 1/s or as position_gain_m_per_min_mm")
+    if control.velocity_gain_per_s is None:
+        raise given.missing("control.velocity_gain_per_s", "gain of the velocity loop by the inertia: its bandwidth")
+    cascade = _cascade(control, position_gain, control.velocity_gain_per_s)
+    b = 1.0 / (cascade.velocity_gain * position_gain)
+    tau = record.motor_time_constant_s
+    damping = 0.0 if tau is None else (record.inertia_fraction or 1.0) * b / tau
+    stiffness = given.either(("servo_stiffness_n_per_mm", 1.0 / MM))
+    servo = Servo(b=b, c=damping + 1.0 / position_gain, stiffness=stiffness, cascade=cascade)
+    if not is_stable(servo):
+        key = next(key for key, value in gains.items() if value is not None)
+        most = most_position_gain(servo) / units[key]
+        lower = f"< {most:.4g}" if most > 0.0 else "a slower velocity_gain_per_s, or a quicker current_bandwidth_hz"
+        raise given.refuse(f"control.{key}", "the cascade is unstable", lower, f"{position_gain / units[key]:g}")
+    return servo
+
+
+def _refuse_single_loop(given: _Given, control: ControlRecord) -> None:
+    """Refuse what a cascade has not: no controller, the gains of a single loop, a reading where nothing reads."""
+    record = given.record
     if not record.loop.has_controller:
         raise given.refuse("control", "an open loop has no controller", 'no such table, or feedback "load" or "motor"')
     if record.max_motor_acceleration_rad_s2 is not None and record.loop.encloses_backlash:
@@ -302,27 +329,22 @@ def _cascaded(given: _Given, control: ControlRecord) -> Servo:
     for key in SINGLE_KEYS:
         if getattr(control, key):
             raise given.refuse(f"control.{key}", "a cascade has no such gain", "velocity_integral_time_ms")
-    gains = [(key, getattr(control, key)) for key, _ in _POSITION_GAINS]
-    position_gain = given.agreed(
-        *((f"control.{key}", None if value is None else value * dict(_POSITION_GAINS)[key]) for key, value in gains)
-    )
-    if position_gain is None:
-        raise given.missing("control.position_gain_per_s", "K_v, in 1/s or as position_gain_m_per_min_mm")
-    if control.velocity_gain_per_s is None:
-        raise given.missing("control.velocity_gain_per_s", "gain of the velocity loop by the inertia: its bandwidth")
-    if record.loop.encloses_backlash is False and control.velocity_feedback == "load":
+    if not record.loop.encloses_backlash and control.velocity_feedback == "load":
         raise given.refuse("control.velocity_feedback", "nothing reads the table", '"motor"', '"load"')
-    cascade = Cascade(
+
+
+def _cascade(control: ControlRecord, position_gain: float, velocity_gain: float) -> Cascade:
+    """Take the numbers of a cascade in SI units; its gains are K_v and ω_v [1/s]."""
+    integral_time, bandwidth = control.velocity_integral_time_ms, control.current_bandwidth_hz
+    return Cascade(
         position_gain=position_gain,
-        velocity_gain=control.velocity_gain_per_s,
-        integral_rate=0.0
-        if control.velocity_integral_time_ms is None
-        else 1.0 / (control.velocity_integral_time_ms * MS),
+        velocity_gain=velocity_gain,
+        integral_rate=0.0 if integral_time is None else 1.0 / (integral_time * MS),
         velocity_feedforward=control.velocity_feedforward_percent * PERCENT,
         acceleration_feedforward=control.acceleration_feedforward_percent * PERCENT,
         acceleration_lead=control.acceleration_lead_ms * MS,
         velocity_feedback=control.velocity_feedback or "motor",
-        current_time=0.0 if control.current_bandwidth_hz is None else 1.0 / (math.tau * control.current_bandwidth_hz),
+        current_time=0.0 if bandwidth is None else 1.0 / (math.tau * bandwidth),
         deadband=control.deadband_mm * MM,
         dead_time=control.dead_time_ms * MS,
         moving_average=control.moving_average_ms * MS,
@@ -330,18 +352,6 @@ def _cascaded(given: _Given, control: ControlRecord) -> Servo:
         shaper_frequency=0.0 if control.zv_frequency_hz is None else math.tau * control.zv_frequency_hz,
         shaper_damping=control.zv_damping,
     )
-    b = 1.0 / (cascade.velocity_gain * position_gain)
-    tau = record.motor_time_constant_s
-    damping = 0.0 if tau is None else (record.inertia_fraction or 1.0) * b / tau
-    stiffness = given.either(("servo_stiffness_n_per_mm", 1.0 / MM))
-    servo = Servo(b=b, c=damping + 1.0 / position_gain, stiffness=stiffness, cascade=cascade)
-    if not is_stable(servo):
-        key = next(key for key, value in gains if value is not None)
-        unit = dict(_POSITION_GAINS)[key]
-        most = most_position_gain(servo) / unit
-        lower = f"< {most:.4g}" if most > 0.0 else "a slower velocity_gain_per_s, or a quicker current_bandwidth_hz"
-        raise given.refuse(f"control.{key}", "the cascade is unstable", lower, f"{position_gain / unit:g}")
-    return servo
 
 
 def _servo(given: _Given, b: float, c: float, stiffness: float | None) -> Servo:

@@ -6,6 +6,7 @@ Where a crossing lies is not looked for: the table follows the whole changed str
 from __future__ import annotations
 
 from itertools import product
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -70,9 +71,21 @@ class _Polylines(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     end: IntArray
 
 
+class _Ways(NamedTuple):
+    """Polylines of the original and of the new program, and where the former's points are.
+
+    `along` (n,) is their distance [m] from the beginning of their stretch, `row` (r,) that of the stretches in the row.
+    """
+
+    old: _Polylines
+    new: _Polylines
+    along: Array
+    row: Array
+
+
 def check_crossings(case: VerifyCase, pairing: Pairing, found: Stretches) -> CrossedStretches:
     """Check path, number, length, feeds and arcs of the changes that name a crossing."""
-    declared, findings = case.declared, case.findings
+    declared = case.declared
     whole = _check_blocks(case, found)
     if not whole.change.size:
         _check_names(case, [], np.zeros(0, dtype=np.int64))
@@ -80,7 +93,8 @@ def check_crossings(case: VerifyCase, pairing: Pairing, found: Stretches) -> Cro
     sagitta = case.bound / _FINE
     sides = _sides_of(case, pairing, whole)
     starts = _starts(case, pairing, whole, sides)
-    old, new = _polylines_of(case, whole, starts, sagitta)
+    ways = _ways_of(case, whole, starts, sagitta)
+    old, new = ways.old, ways.new
     grid = _grid(case, whole)
     spare = _ROUNDED * grid + 2.0 * sagitta
     bound = case.bound + declared.within + 2.0 * sagitta + _ignored(case, old)
@@ -88,30 +102,19 @@ def check_crossings(case: VerifyCase, pairing: Pairing, found: Stretches) -> Cro
     waits = np.minimum(declared.within, _WAITING * np.max(sides[:, :, 1] - sides[:, :, 0], axis=1))
     tables = [follow_play(new.points, new.first, sides, start, _ROUNDED * grid + EXACT + waits) for start in starts]
     judged = [_says_something(new, starts, tables, number) for number in range(len(starts))]
-    fine = _check_followed(case, whole, (old, new), list(zip(tables, judged, strict=True)), bound)
-    along = _lengths_along(old)
-    places = [align(old.points, old.first, along, one.points, one.first, bound) for one in tables]
+    fine = _check_followed(case, whole, ways, list(zip(tables, judged, strict=True)), bound)
+    places = [align(old.points, old.first, ways.along, one.points, one.first, bound) for one in tables]
     apart = [
         float(away[np.repeat(own, np.diff(one.first))].max(initial=0.0))
         for one, own, (_, away) in zip(tables, judged, places, strict=True)
     ]
     _check_declared(case, max(apart, default=0.0), fine)
-    row = _row(old, along)
     table, (place, _) = tables[0], places[0]
-    stretch = whole.new.stretch()
-    new_low, new_high = (row[stretch] + place[table.place[at]] for at in (new.begin, new.end))
-    old_low, old_high = (row[whole.old.stretch()] + along[at] for at in (old.begin, old.end))
-    # A jog between two dwells is a stop, and no crossing on the fly.
-    stopped = np.repeat(pairing.jog[whole.new.motion], new.end - new.begin + 1)
-    point, axis = np.nonzero(np.where(stopped[:, None], 0, table.turned))
-    changes = whole.change[np.searchsorted(new.first, point, side="right") - 1]
-    signs = table.turned[point, axis]
-    turns = [
-        (change, AXES[column], sign)
-        for change, column, sign in zip(changes.tolist(), axis.tolist(), signs.tolist(), strict=True)
-    ]
+    turns = _turns(pairing, whole, new, table)
     _check_names(case, turns, whole.change[~fine])
-    group = _check_lengths(case, whole, (old, new), (along, row), (new_low, new_high), (sides, spare, table.turned))
+    stretch = whole.new.stretch()
+    new_low, new_high = (ways.row[stretch] + place[table.place[at]] for at in (new.begin, new.end))
+    old_low, old_high = (ways.row[whole.old.stretch()] + ways.along[at] for at in (old.begin, old.end))
     crossed = CrossedStretches(
         found=whole,
         fine=fine,
@@ -119,14 +122,27 @@ def check_crossings(case: VerifyCase, pairing: Pairing, found: Stretches) -> Cro
         old_high=old_high,
         new_low=new_low,
         new_high=new_high,
-        group=group,
+        group=_check_lengths(case, whole, ways, (new_low, new_high), (sides, spare, table.turned)),
         spare=spare,
         at_corner=_at_corner(case, whole, new_high - new_low <= spare[stretch]),
     )
-    _check_feeds(case, crossed, (old, new), (along, row))
+    _check_feeds(case, crossed, ways)
     _check_arcs(case, crossed, sides)
-    findings.count("crossings", len(turns))
+    case.findings.count("crossings", len(turns))
     return crossed
+
+
+def _turns(pairing: Pairing, found: Stretches, new: _Polylines, table: TableWay) -> list[tuple[int, str, int]]:
+    """List where the motor comes to the other side of a backlash: the change, the axis, and the direction."""
+    # A jog between two dwells is a stop, and no crossing on the fly.
+    stopped = np.repeat(pairing.jog[found.new.motion], new.end - new.begin + 1)
+    point, axis = np.nonzero(np.where(stopped[:, None], 0, table.turned))
+    changes = found.change[np.searchsorted(new.first, point, side="right") - 1]
+    signs = table.turned[point, axis]
+    return [
+        (change, AXES[column], sign)
+        for change, column, sign in zip(changes.tolist(), axis.tolist(), signs.tolist(), strict=True)
+    ]
 
 
 def _nothing(case: VerifyCase, found: Stretches) -> CrossedStretches:
@@ -220,9 +236,7 @@ def _says_something(new: _Polylines, starts: list[Array], tables: list[TableWay]
     return mask
 
 
-def _polylines_of(
-    case: VerifyCase, found: Stretches, starts: list[Array], sagitta: float
-) -> tuple[_Polylines, _Polylines]:
+def _ways_of(case: VerifyCase, found: Stretches, starts: list[Array], sagitta: float) -> _Ways:
     """Polylines of the original's stretches, and of the motor's; where nothing is replaced, the place of that."""
     new = _traced(case.compensated.motions, found.new, sagitta)
     old = _traced(case.original.motions, found.old, sagitta)
@@ -238,7 +252,9 @@ def _polylines_of(
             begin=old.begin + moved,
             end=old.end + moved,
         )
-    return old, new
+    along = _lengths_along(old)
+    row = np.append(0.0, np.cumsum(along[old.first[1:] - 1] + _APART))[:-1]
+    return _Ways(old, new, along, row)
 
 
 def _traced(motions: Motions, side: StretchSide, sagitta: float) -> _Polylines:
@@ -268,15 +284,10 @@ def _lengths_along(way: _Polylines) -> Array:
     return np.asarray(along - np.repeat(along[way.first[:-1]], np.diff(way.first)))
 
 
-def _row(old: _Polylines, along: Array) -> Array:
-    """Where each stretch begins in the row of all of them [m]."""
-    return np.append(0.0, np.cumsum(along[old.first[1:] - 1] + _APART))[:-1]
-
-
-def _points_at(old: _Polylines, along: Array, row: Array, place: Array) -> Array:
+def _points_at(ways: _Ways, place: Array) -> Array:
     """Points of the original at places in the row."""
-    everywhere = along + np.repeat(row, np.diff(old.first))
-    return np.column_stack([np.interp(place, everywhere, old.points[:, axis]) for axis in range(3)])
+    everywhere = ways.along + np.repeat(ways.row, np.diff(ways.old.first))
+    return np.column_stack([np.interp(place, everywhere, ways.old.points[:, axis]) for axis in range(3)])
 
 
 def _ignored(case: VerifyCase, old: _Polylines) -> Array:
@@ -303,7 +314,7 @@ def _ignored(case: VerifyCase, old: _Polylines) -> Array:
 def _check_followed(
     case: VerifyCase,
     found: Stretches,
-    ways: tuple[_Polylines, _Polylines],
+    ways: _Ways,
     tables: list[tuple[TableWay, BoolArray]],
     bound: Array,
 ) -> BoolArray:
@@ -311,7 +322,7 @@ def _check_followed(
 
     With each table goes the mask of the stretches in which it is judged.
     """
-    old, new = ways
+    old, new = ways.old, ways.new
     fine = np.ones(found.change.size, dtype=bool)
     owner = np.repeat(found.new.motion, new.end - new.begin + 1)
     for table, judged in tables:
@@ -385,26 +396,24 @@ def _format_names(names: set[tuple[str, int]] | frozenset[tuple[str, int]]) -> s
 def _check_lengths(
     case: VerifyCase,
     found: Stretches,
-    ways: tuple[_Polylines, _Polylines],
-    along: tuple[Array, Array],
+    ways: _Ways,
     ends: tuple[Array, Array],
     backlash: tuple[Array, Array, NDArray[np.int8]],
 ) -> Array:
     """Check that no crossing is longer than declared: straight blocks with other ends than the original's, shifted.
 
-    `along` are the places of the original's points and those of the stretches in the row, `ends` the places of the new
-    motions, `backlash` the sides of the axes, what rounding leaves, and where the motor changes sides. Returns
-    the places between which the crossings lie, (g, 2).
+    `ends` are the places of the new motions, `backlash` the sides of the axes, what rounding leaves, and where the motor
+    changes sides. Returns the places between which the crossings lie, (g, 2).
     """
-    (old, new), (low, high), (sides, spare, turned) = ways, ends, backlash
+    old, new, (low, high), (sides, spare, turned) = ways.old, ways.new, ends, backlash
     stretch = found.new.stretch()
     shifted = _shifted(sides)
     kept, clean = np.zeros(stretch.size, dtype=bool), np.zeros(stretch.size, dtype=bool)
     reach = (np.max(sides[:, :, 1] - sides[:, :, 0], axis=1) + case.bound)[stretch]
-    span = np.column_stack([low - along[1][stretch] - reach, high - along[1][stretch] + reach])
+    span = np.column_stack([low - ways.row[stretch] - reach, high - ways.row[stretch] + reach])
     for shift in shifted:
         near = [
-            nearest_there(old.points, old.first, along[0], stretch, span, new.points[at] - shift[stretch])
+            nearest_there(old.points, old.first, ways.along, stretch, span, new.points[at] - shift[stretch])
             <= spare[stretch]
             for at in (new.begin, new.end)
         ]
@@ -454,11 +463,9 @@ def _at_corner(case: VerifyCase, found: Stretches, still: BoolArray) -> BoolArra
     return mask
 
 
-def _check_feeds(
-    case: VerifyCase, crossed: CrossedStretches, ways: tuple[_Polylines, _Polylines], along: tuple[Array, Array]
-) -> None:
+def _check_feeds(case: VerifyCase, crossed: CrossedStretches, ways: _Ways) -> None:
     """Check that the table keeps the original's feed: a block of a crossing is faster only as its way is longer."""
-    found, (old, new) = crossed.found, ways
+    found, new = crossed.found, ways.new
     stretch = found.new.stretch()
     mine = np.flatnonzero(crossed.fine[stretch] & (np.diff(found.old.first)[stretch] > 0))
     low, high, spare = crossed.new_low[mine], crossed.new_high[mine], crossed.spare[stretch[mine]]
@@ -467,7 +474,7 @@ def _check_feeds(
     first = np.clip(np.searchsorted(crossed.old_high, low + reach), begin, end - 1)
     last = np.clip(np.searchsorted(crossed.old_low, high - reach), first + 1, end)
     bound = largest_of(feeds_of(case.original.motions, found.old), first, last)
-    path = _points_at(old, *along, high) - _points_at(old, *along, low)
+    path = _points_at(ways, high) - _points_at(ways, low)
     motor = new.points[new.end[mine]] - new.points[new.begin[mine]]
     way = np.maximum(np.linalg.norm(path, axis=1) - spare, 0.0)
     longer = np.maximum(np.linalg.norm(motor, axis=1), np.hypot(way, np.linalg.norm(motor - path, axis=1)))
