@@ -114,8 +114,6 @@ def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> 
     from ph_post.api.program_compensation import ProgramCompensation
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
-    from ph_post.files.table import table_content
-    from ph_post.report.figures import write_figure
     from ph_post.report.programs import changes_summary
     from ph_post.report.result_line import summarize
     from ph_post.report.tables import print_json, print_plans
@@ -130,14 +128,7 @@ def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> 
         result = compensated(raw, machine, _options(how), asked[0], progress)
         path = result.longest if isinstance(result, ProgramCompensation) else result
         assert isinstance(path, PathCompensation)
-        products: dict[str, Content] = {}
-        if table is not None:
-            products[table] = table_content(path.table(), table)
-        if program is not None:
-            products[program] = path.program()
-        if how["plot"] is not None:
-            progress("drawing")
-            products[how["plot"]] = write_figure(_figure(path, asked[0]), how["plot"])
+        products = _path_products(path, table, program, how["plot"], progress)
         plans = {output: path.plans[output] for output in asked}
         if how["require_all"]:
             for output, plan in plans.items():
@@ -158,6 +149,25 @@ def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> 
     print_plans(plans, products, said)
     print_results({str(output): one for output, one in found.items()})
     return 0
+
+
+def _path_products(
+    path: PathCompensation, table: str | None, program: str | None, plot: str | None, progress: Progress
+) -> dict[str, Content]:
+    """Make what is asked for, by the file that it goes to; the picture is of the table if there is one."""
+    from ph_post.files.table import table_content
+    from ph_post.report.figures import write_figure
+
+    products: dict[str, Content] = {}
+    if table is not None:
+        products[table] = table_content(path.table(), table)
+    if program is not None:
+        products[program] = path.program()
+    if plot is not None:
+        progress("drawing")
+        drawn: PlanOutput = "program" if table is None and program is not None else "table"
+        products[plot] = write_figure(_figure(path, drawn), plot)
+    return products
 
 
 def _figure(path: PathCompensation, output: PlanOutput) -> Figure:

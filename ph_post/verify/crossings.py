@@ -402,8 +402,8 @@ def _check_lengths(
 ) -> Array:
     """Check that no crossing is longer than declared: straight blocks with other ends than the original's, shifted.
 
-    `ends` are the places of the new motions, `backlash` the sides of the axes, what rounding leaves, and where the motor
-    changes sides. Returns the places between which the crossings lie, (g, 2).
+    `ends` are the places of the new motions, `backlash` the sides of the axes, what rounding leaves, and where the
+    motor changes sides. Returns the places between which the crossings lie, (g, 2).
     """
     old, new, (low, high), (sides, spare, turned) = ways.old, ways.new, ends, backlash
     stretch = found.new.stretch()
