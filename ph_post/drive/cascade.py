@@ -28,6 +28,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from ph_post.drive.linear_system import respond
 from ph_post.types import Array, Cascade, Servo, frozen
 
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
@@ -327,12 +328,9 @@ def way_of_motor(servo: Servo, command: Array, period: float) -> Array:
 
     Gains of a single loop do not count: it is 1 / (b s² + c s + 1).
     """
-    from scipy.signal import lsim
-
-    t = np.linspace(0.0, period * (command.size - 1), command.size)
     loop = loop_polynomials(servo)
     sent = command if servo.cascade is None else arriving(servo.cascade, command, 0.0, period).position
-    return np.asarray(lsim((loop.given, loop.taken), sent, t)[1])
+    return respond(loop.given, loop.taken, sent, period)
 
 
 def _sums(cascade: Cascade, s: ComplexArray) -> ComplexArray:
