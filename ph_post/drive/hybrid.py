@@ -161,19 +161,22 @@ def given_by(plant: Plant, command: Array, fed: Array, states: Array, period: fl
     """
     drive = drive_model(plant)
     at, rate = drive.rows(0), int(np.argmax(X_dot))
-    y = np.zeros((command.size, WIDTH))
-    y[:, :STATES], y[:, int(np.argmax(X))], y[:, int(np.argmax(one))] = states, command, 1.0
-    y[1:, rate], y[:1, rate] = np.diff(command) / period, (command[1:2] - command[:1]) / period
-    if fed.size:
-        y[:, int(np.argmax(fed_row))] = fed
-    given, band = y @ at.u, 0.0 if plant.cascade is None else plant.cascade.deadband
+    speed = np.empty_like(command)
+    speed[1:], speed[:1] = np.diff(command) / period, (command[1:2] - command[:1]) / period
+
+    def along(row: Array) -> Array:
+        found = states @ row[:STATES] + row @ X * command + row @ one
+        found += row[rate] * speed
+        return found + row @ fed_row * fed if fed.size else found
+
+    given, band = along(at.u), 0.0 if plant.cascade is None else plant.cascade.deadband
     if band:
-        error = y @ at.e
+        error = along(at.e)
         for side in (1, -1):
-            given = np.where(side * error > band, y @ drive.rows(Zone(error=side).number).u, given)
-    # The speed of the command is that of the part before a sample, and half a part late, as far as it was followed.
-    late = rates_of(command, period) - y[:, rate]
-    given += at.asked[rate] * _followed(plant, period) * late
+            given = np.where(side * error > band, along(drive.rows(Zone(error=side).number).u), given)
+    if at.asked[rate]:
+        # The speed of the command is that of the part before a sample, and half a part late, as far as it was followed.
+        given += at.asked[rate] * _followed(plant, period) * (rates_of(command, period) - speed)
     # With a part of c that is electronic this is where the torque saturates at low speed only.
     return np.clip(given, -plant.saturation, plant.saturation)
 

@@ -296,10 +296,9 @@ def residuals(problem: AxisProblem, plant: Plant, origin_free: bool = True) -> d
     """
     # A model that is tried may run away: what it predicts is then infinite, or nothing.
     with np.errstate(over="ignore", invalid="ignore"):
-        predicted = {
-            channel: np.nan_to_num(np.clip(values, -LOST, LOST), nan=LOST)
-            for channel, values in predict(problem, plant).items()
-        }
+        predicted = {channel: np.clip(values, -LOST, LOST) for channel, values in predict(problem, plant).items()}
+    for values in predicted.values():
+        values[np.isnan(values)] = LOST
     found: dict[Channel, Array] = {}
     for one in problem.observed:
         use = problem.fit & one.ok

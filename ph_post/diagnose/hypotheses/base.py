@@ -172,15 +172,14 @@ def force_periods(problem: AxisProblem, left: Residuals, most: int = 4) -> list[
     place = np.where(np.isfinite(place), place, 0.0)
     wanted = values[use] - np.mean(values[use])
     wave, onward = (np.exp(2j * np.pi * line * place) for line in (lines[0], 0.4 / span))
-    shares = []
-    for _ in lines:
+    products, fits = np.empty((lines.size, 2, 2)), np.empty((lines.size, 2))
+    for k in range(lines.size):
         answer = signal.lfilter(top, bottom, wave)[use]
         both = np.stack([answer.real, answer.imag])
-        # The square explained is g' G^-1 g, of two columns far from parallel.
-        products, fits = both @ both.T, both @ wanted
-        shares.append(float(fits @ np.linalg.pinv(products, hermitian=True) @ fits))
+        products[k], fits[k] = both @ both.T, both @ wanted
         wave *= onward
-    power = np.array(shares)
+    # The square explained is g' G^-1 g, of two columns far from parallel.
+    power = np.einsum("ki,kij,kj->k", fits, np.linalg.pinv(products, hermitian=True), fits)
     inner = power[1:-1]
     peaks = np.flatnonzero((inner >= power[:-2]) & (inner > power[2:])) + 1
     best = peaks[np.argsort(power[peaks])[::-1][:most]]
