@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 
 from ph_post.drive.plant import Plant
@@ -66,13 +67,38 @@ def accelerations(command: Array) -> Array:
     return np.asarray(around[2:] - 2.0 * around[1:-1] + around[:-2]) / PERIOD**2
 
 
+class Gains(NamedTuple):
+    """The numbers of a drive."""
+
+    kv: float
+    wv: float
+    tn: float
+    velocity: float
+    acceleration: float
+    lead: float
+    current: float
+    deadband: float
+    limit: float
+
+
+def gains(drive: Drive) -> Gains:
+    return Gains(*(float(getattr(drive, name)) for name in Gains._fields))
+
+
 def motor_of(
     drive: Drive, command: Array, coulomb: float = 0.0, fine: int = FINE, against: Array | None = None
 ) -> Array:
     """Step a motor that its own encoder closes both loops over; friction in m/s² of the whole inertia."""
+    against = np.zeros(command.size) if against is None else against
+    found: Array = _motor_of(gains(drive), command, float(coulomb), fine, against, accelerations(command))
+    return found
+
+
+@numba.njit(cache=True)
+def _motor_of(drive, command, coulomb, fine, against, bends):  # type: ignore[no-untyped-def]
     place = speed = total = given = 0.0
     h = PERIOD / fine
-    found, bends = [0.0], accelerations(command)
+    found = np.zeros(command.size)
     for k in range(command.size - 1):
         rate = (command[k + 1] - command[k]) / PERIOD
         for j in range(fine):
@@ -85,15 +111,15 @@ def motor_of(
             total += h * off
             asked = drive.wv * (off + total / drive.tn) + drive.acceleration * bend
             asked = min(max(asked, -drive.limit), drive.limit)
-            given = asked if not drive.current else given + h / drive.current * (asked - given)
-            pulls = given if against is None else given - against[k] - at * (against[k + 1] - against[k])
+            given = given + h / drive.current * (asked - given) if drive.current else asked
+            pulls = given - against[k] - at * (against[k + 1] - against[k])
             if speed == 0.0 and abs(pulls) <= coulomb:
                 continue
-            after = speed + h * (pulls - coulomb * (math.copysign(1.0, speed) if speed else math.copysign(1.0, pulls)))
+            after = speed + h * (pulls - coulomb * math.copysign(1.0, speed if speed else pulls))
             speed = 0.0 if coulomb and speed * after < 0.0 else after
             place += h * speed
-        found.append(place)
-    return np.array(found)
+        found[k + 1] = place
+    return found
 
 
 def play(motor: Array, gap: float, flank: int = 1) -> Array:
@@ -106,52 +132,66 @@ def play(motor: Array, gap: float, flank: int = 1) -> Array:
 
 def pushed(motor: Array, gap: float, friction: float) -> Array:
     """A table of unit mass between stiff, damped stops, with dry friction [m/s²], in 25 steps a sample."""
-    stiff, damped, fine = (2.0 * np.pi * 200.0) ** 2, 0.8 * 2.0 * np.pi * 200.0, 25
-    step = PERIOD / fine
+    fine = 25
     driver = np.interp(np.arange(motor.size * fine) / fine, np.arange(motor.size), motor)
-    rates = np.gradient(driver, step)
-    at, speed, found = float(motor[0]), 0.0, []
-    for k, (place, rate) in enumerate(zip(driver.tolist(), rates.tolist(), strict=True)):
+    found: Array = _pushed(driver, np.gradient(driver, PERIOD / fine), fine, float(gap), float(friction))
+    return found
+
+
+@numba.njit(cache=True)
+def _pushed(driver, rates, fine, gap, friction):  # type: ignore[no-untyped-def]
+    stiff, damped, step = (2.0 * math.pi * 200.0) ** 2, 0.8 * 2.0 * math.pi * 200.0, PERIOD / fine
+    at, speed, found = driver[0], 0.0, np.empty(driver.size // fine)
+    for k in range(driver.size):
         if k % fine == 0:
-            found.append(at)
-        apart = place - at
+            found[k // fine] = at
+        apart = driver[k] - at
         push = 0.0
         if apart > 0.5 * gap:
-            push = max(stiff * (apart - 0.5 * gap) + damped * (rate - speed), 0.0)
+            push = max(stiff * (apart - 0.5 * gap) + damped * (rates[k] - speed), 0.0)
         elif apart < -0.5 * gap:
-            push = min(stiff * (apart + 0.5 * gap) + damped * (rate - speed), 0.0)
+            push = min(stiff * (apart + 0.5 * gap) + damped * (rates[k] - speed), 0.0)
         free = speed + step * push
         speed = max(free - step * friction, 0.0) if free > 0.0 else min(free + step * friction, 0.0)
         at += step * speed
-    return np.array(found)
+    return found
 
 
 def two_bodies(
     drive: Drive, command: Array, gap: float, eta: float, beta: float, damping: float, rule: Pickup, side: str
 ) -> Array:
     """Step a motor and a table a gap apart, the position loop closed over the table; damping in 1/s of the whole."""
+    keeps, at_motor, kept = rule == "contact", side == "motor", 0.0 if rule == "standstill" else 1.0
+    found: Array = _two_bodies(gains(drive), command, gap, eta, beta, damping, keeps, kept, at_motor)
+    return found
+
+
+@numba.njit(cache=True)
+def _two_bodies(drive, command, gap, eta, beta, damping, keeps, kept, at_motor):  # type: ignore[no-untyped-def]
     x = v = w = total = given = 0.0
     m, contact = gap / 2.0, 1
-    h, found = PERIOD / FINE, [0.0]
+    h, found = PERIOD / FINE, np.zeros(command.size)
     own, rest = eta * beta, damping - eta * beta
     for k in range(command.size - 1):
         rate = (command[k + 1] - command[k]) / PERIOD
         for j in range(FINE):
             wanted = command[k] + (j + 0.5) / FINE * (command[k + 1] - command[k])
-            off = drive.kv * (wanted - x) + drive.velocity * rate - (w if side == "motor" else v)
+            off = drive.kv * (wanted - x) + drive.velocity * rate - (w if at_motor else v)
             total += h * off
             asked = drive.wv * (off + total / drive.tn)
-            given = asked if not drive.current else given + h / drive.current * (asked - given)
+            given = given + h / drive.current * (asked - given) if drive.current else asked
             if contact:
                 after = v + h * (given - damping * v)
                 # It opens where the motor turns back, or under `contact` where it no longer pushes.
                 pushes = given - eta * (given - damping * v) - own * v
                 opens = v * contact > 0.0 >= after * contact or (v == 0.0 and given * contact < 0.0)
-                if rule == "contact":
+                if keeps:
                     opens = pushes * contact < 0.0
                 if opens:
-                    contact, m = 0, x + contact * gap / 2.0
-                    v, w = (v, v) if rule == "contact" else (0.0, 0.0)
+                    m = x + contact * gap / 2.0
+                    contact = 0
+                    w = v if keeps else 0.0
+                    v = w
                 else:
                     v = w = after
                     x, m = x + h * v, m + h * v
@@ -161,10 +201,10 @@ def two_bodies(
             m, x = m + h * w, x + h * v
             for flank in (1, -1):
                 if flank * (m - x) >= gap / 2.0 and flank * (w - v) > 0.0:
-                    v = w = 0.0 if rule == "standstill" else v + eta * (w - v)
+                    v = w = kept * (v + eta * (w - v))
                     m, contact = x + flank * gap / 2.0, flank
-        found.append(x)
-    return np.array(found)
+        found[k + 1] = x
+    return found
 
 
 DRIVES = {
