@@ -351,7 +351,8 @@ class PartWords:
             center = center + beside
         for axis, count in ((a, center[0]), (b, center[1])):
             base = -shift[axis] if self.modal.arc_absolute else self._at[axis]
-            words[_CENTERS[axis]] = _CENTERS[axis] + self._text(count - base)
+            # Where X is a diameter, I is none.
+            words[_CENTERS[axis]] = _CENTERS[axis] + self._text(round(count - base / self._factors[axis]))
         own = self._own if self.program.language.whole is not None else {}
         spare = {letter: "" for letter in _CENTERS if letter in own and letter not in words}
         return {**words, **spare, "P": self.program.language.turns(turns) if turns > 1 else "", "R": ""}

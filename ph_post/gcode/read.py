@@ -269,9 +269,12 @@ def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartPr
     lines = lines_of(data, name)
     plain = language.hidden(data)
     lexed = _lexed(plain, lines, language)
-    blocks = _resolve(lexed, plain, language)
+    if not language.diameters and _tells_diameters(lexed.words):
+        language = msgspec.structs.replace(language, diameters=True)
+    placed = _in_radii(lexed) if language.diameters else lexed
+    blocks = _resolve(placed, plain, language)
     del plain  # as large as the program
-    motions = _make_motions(_in_radii(lexed) if language.diameters else lexed, blocks)
+    motions = _make_motions(placed, blocks)
     notes = find_notes(lexed, data, blocks)
     if strict and notes:
         raise _refusal(name, data, lexed, notes[0], blocks)
@@ -440,10 +443,22 @@ def refuse_notes(program: PartProgram) -> None:
         raise fault_error(program.name, program.data, program.lines, fault, max(end, place + 1))
 
 
+def _tells_diameters(words: WordTable) -> bool:
+    """Return whether a program tells X in diameters from its first X on: G7, and never G8."""
+    begun = words.block[words.g_words(7.0)]
+    if not begun.size or words.g_words(8.0).any():
+        return False
+    return bool((words.block[words.letter == ord("X")] >= begun[0]).all())
+
+
 def _in_radii(lexed: Lexed) -> Lexed:
-    """Return words of which those of X have the places of the axis: half of the diameters that are written."""
+    """Return words of which those of X have the places of the axis: half of the diameters that are written.
+
+    A G7, which says so, is a G8 then.
+    """
     words = lexed.words
     value = np.where(words.letter == ord("X"), 0.5 * words.value, words.value)
+    value = np.where((words.letter == ord("G")) & (value == 7.0), 8.0, value)
     return msgspec.structs.replace(lexed, words=msgspec.structs.replace(words, value=sealed(value)))
 
 

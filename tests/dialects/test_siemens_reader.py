@@ -355,11 +355,13 @@ def test_variables_that_the_program_defines_are_worked_out_in_place() -> None:
 
 @pytest.mark.parametrize("said", ["", "DIAMOF ", "DIAMON "])
 @pytest.mark.parametrize("turned", ["G95 G96 S200 LIMS=2500", "G95 S900\nCYCLE97(1.5)", "S900"])
-def test_a_lathe_s_x_is_followed_where_the_program_says_that_it_is_no_diameter(turned: str, said: str) -> None:
+def test_a_lathe_s_x_is_followed_where_the_program_says_what_it_is(turned: str, said: str) -> None:
     """A setting of the control decides otherwise, and an offset would be half of what it is to be."""
     program = _read(f"{said}G18 G90\n{turned}\nG0 X40 Z2\nG1 Z-10 F0.2\nX50\nG1 X40\nM30\n")
-    assert bool(program.motions.kind.size) == (said == "DIAMOF ")
+    assert bool(program.motions.kind.size) == (said != "")
     assert any("X may be a diameter" in note.what for note in program.notes) == (said == "")
+    if said:
+        assert program.motions.end[-1, 0] * 1e3 == (20.0 if said == "DIAMON " else 40.0)
     assert np.isnan(program.motions.feed[program.motions.kind == LINE]).all()
 
 

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from support.corpus import stepper
+from support.corpus_judge import Judged, compare
 from support.ideal_play import distances
 from support.lathe_player import LathePlayer
 from support.reference_player import play
@@ -137,6 +138,42 @@ def test_a_dialect_says_what_no_word_of_a_program_says():
     ]
     assert ends == [[0.06, -0.01], [0.03, -0.01]]
     assert read_as("fanuc+lathe", text.encode(), "a.nc").motions.kind.size == 3
+
+
+TURNED = (
+    "G0 X50 Z5\nG0 X20 Z2\nG1 Z-5 {feed}\nG2 X30 Z-10 {radius}\nG1 X36\nZ-12\nG3 X30 Z-15 I0 K-3\nG1 Z-18\n"
+    "G2 X40 Z-23 I5 K0\nG1 X46\nZ-20\nX60\nG0 X60 Z5\nM30\n"
+)
+LINUXCNC = "G21 G18 G90 G94 G7\n" + TURNED.format(feed="F300", radius="R5")
+SIEMENS = "G71 G18 G90 DIAMON\nG95 S900 M3\n" + TURNED.format(feed="F0.1", radius="CR=5")
+
+
+@pytest.mark.parametrize(("dialect", "text"), [("linuxcnc", LINUXCNC), ("siemens", SIEMENS)])
+def test_words_that_tell_diameters_are_read(dialect, text):
+    """By the controller's own interpreter where it is here, or a player of the tests' own."""
+    source = SourceBytes(name="a.nc", stem="a", data=text.encode())
+    result = compensated(source, stepper(dialect), CompensateOptions(), "program", no_progress)
+    made = result.program()
+    assert b" X30.05 Z-10 " in made
+    judged = compare(Judged("compensated", 1, 1), dialect, text.encode(), made)
+    assert judged.rms is not None
+    assert judged.rms[0] > 0.01
+    assert judged.rms[1] < 0.2 * judged.rms[0]
+    assert undo(SourceBytes(name="a.nc", stem="a", data=made)) == text.encode()
+
+
+@pytest.mark.parametrize(
+    "text", [LINUXCNC.replace("Z-12", "Z-12 G8"), "G21 G18 G90 G94\nG0 X50\nG7\n" + LINUXCNC.partition("\n")[2]]
+)
+def test_a_program_that_changes_its_measure_is_followed_in_radii_alone(text):
+    program = read_as("linuxcnc", text.encode(), "a.ngc")
+    assert not program.language.diameters
+    assert any("diameter" in note.what for note in program.notes)
+
+
+@pytest.mark.parametrize("odd", ["DIAM90", "DIAMON\nG0 X9 Z9\nG2 X40 Z-20 I=AC(20) K=AC(-20)"])
+def test_what_is_a_diameter_in_part_is_left_as_it_is(odd):
+    assert not read_as("siemens", SIEMENS.replace("DIAMON", odd).encode(), "a.mpf").motions.kind.size
 
 
 def test_a_path_is_not_written_for_a_lathe():

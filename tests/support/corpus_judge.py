@@ -21,7 +21,7 @@ from ph_post.progress import no_progress
 from support.canon_player import canon_moves
 from support.corpus import TOOLS, Entry, stepper
 from support.ideal_play import distances
-from support.lathe_player import LATHE, lathe_moves
+from support.lathe_player import is_lathe, lathe_moves
 from support.reference_player import BEGINS, Move, interpret, play
 from support.sinumerik_motions import Run as SiemensRun
 from support.tnc_motions import TncRun, iso_run
@@ -153,7 +153,7 @@ def axes_of(dialect: str, after: bytes) -> str:
 def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
     """Places of the motors (n, 3) [mm] and whether the tool cuts; None where nothing here reads the language."""
     text = data.decode("utf-8-sig", "replace")
-    if dialect in ("fanuc", "siemens") and nobody_knows_where(text):
+    if dialect in ("fanuc", "siemens") and (nobody_knows_where(text) or _SETTING_DECIDES[dialect](text.upper())):
         return None
     own = {"siemens": SiemensRun, "heidenhain": TncRun, "heidenhain-iso": iso_run}
     try:
@@ -168,7 +168,7 @@ def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | 
         told: list[list[Move] | None] = [None]
         if dialect == "linuxcnc":
             told = [canon_moves(text, begin, TOOLS.read_text()) for begin, _ in begins]
-        elif dialect == "fanuc" and LATHE.search(text.upper()):
+        elif dialect == "fanuc" and is_lathe(text):
             told = [lathe_moves(text.upper(), begin) for begin, _ in begins]
         if all(moves is not None for moves in told):
             return _sampled(told)
@@ -185,6 +185,24 @@ def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | 
         return _sampled([either[placed] for either in runs], laid)
     except (ArithmeticError, LookupError, TypeError, ValueError):
         return None
+
+
+def _counts_in_any(text: str) -> bool:
+    """Return whether the control's setting decides what lengths without a point are: all are small in increments."""
+    bare = re.sub(r"\([^)]*\)|G0?4\b.*|K\d+", "", text)
+    found = [abs(float(one[2])) for one in _UNDOTTED.finditer(bare)]
+    return any(found) and max(found) < THOUSAND and "IN INCREMENTS" not in text
+
+
+def _measures_in_any(text: str) -> bool:
+    """Return whether the control's setting decides what X is: a lathe's program that says nothing of diameters."""
+    bare = re.sub(r";.*", "", text)
+    feeds = [float(found) for found in re.findall(r"F=? *(\d*\.?\d+)", bare)]
+    turned = re.search(r"G96|LIMS|CYCLE9[3-8]", bare) or (0.0 < max(feeds, default=0.0) <= 2.0 and "G94" not in bare)
+    return bool(turned) and "DIAM" not in bare
+
+
+_SETTING_DECIDES = {"fanuc": _counts_in_any, "siemens": _measures_in_any}
 
 
 def _astray(moves: list[Move]) -> bool:

@@ -17,6 +17,14 @@ LATHE = re.compile(r"G7[0-3](?=[^\n]*P\d)(?=[^\n]*Q\d)(?![^\n]*[XZ][-.\d])|(?s:G
 """Words that mills have not: cycles of a shape from P to Q, and the spindle's highest speed beside one of the cut."""
 
 
+def is_lathe(text):
+    """Return whether a program is one of a lathe: by its words, or as it moves X and Z alone at feeds up to 2."""
+    bare = re.sub(r"\([^)]*\)?", "", text.upper())
+    feeds = [float(found) for found in re.findall(r"F *(\d+\.?\d*|\.\d+)", bare)]
+    alone = "X" in bare and "Z" in bare and "Y" not in bare
+    return LATHE.search(bare) is not None or (alone and 0.0 < max(feeds, default=0.0) <= 2.0)
+
+
 def lathe_moves(text, begin):
     """Moves of a lathe's program [mm] that begins at a place, to which it comes back where nobody knows its own."""
     player = LathePlayer(begin)

@@ -1,7 +1,7 @@
 """Motions of a SINUMERIK program, by a small interpreter of its own: words to dense places of the motors [mm].
 
-It follows G0 to G3 with I, J, K, AC, IC, CR and TURN, CIP, G90 and G91, R parameters that are set by numbers, and
-passes over everything else. Circles lie in the plane X, Y. Nothing is shared with ph_post.
+It follows G0 to G3 with I, J, K, AC, IC, CR and TURN, CIP, G17 to G19, G90 and G91, DIAMON and DIAMOF, R parameters
+that are set by numbers, and passes over everything else. Nothing is shared with ph_post.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ import numpy as np
 
 STEP = 1e-2
 """Distance of places on a path [mm]."""
+
+_PLANES = {17: [0, 1, 2], 18: [2, 0, 1], 19: [1, 2, 0]}
 
 _WORD = re.compile(
     r"(CIP|POLY|[A-Z]+SPLINE)(?![A-Z0-9])"
@@ -44,6 +46,7 @@ class Run(Played):
     def __init__(self, text: str) -> None:
         super().__init__()
         self._mode, self._absolute, self._feed = "G0", True, 1000.0
+        self._plane, self._diameters = _PLANES[17], False
         self._known: dict[str, float] = {}
         for line in text.splitlines():
             bare = re.sub(r'"[^"]*"', "", line).split(";")[0].strip()
@@ -55,6 +58,9 @@ class Run(Played):
             found = re.match(r"G4\s*F\s*([\d.]+)", line)
             self.seconds += float(found[1]) if found else 0.0
             return
+        for said in re.findall(r"DIAM(ON|OF)", line):
+            self._diameters = said == "ON"
+        line = re.sub(r"DIAM(ON|OF)", "", line)
         ends: dict[int, float] = {}
         words: dict[str, tuple[str, float]] = {}
         for keyword, name, kind, number in _WORD.findall(line):
@@ -64,18 +70,20 @@ class Run(Played):
             value = self._known[number] if number[0] == "R" else float(number)
             if name == "G":
                 self._mode = f"G{value:g}" if value in (0, 1, 2, 3) else self._mode
+                self._plane = _PLANES.get(int(value), self._plane)
                 self._absolute = {90: True, 91: False}.get(int(value), self._absolute)
             elif re.fullmatch(r"R\d+", name):
                 self._known[name] = value
             elif name in ("X", "Y", "Z"):
                 axis = "XYZ".index(name)
+                value *= 0.5 if name == "X" and self._diameters else 1.0
                 absolute = kind == "AC" or (self._absolute and kind != "IC")
                 ends[axis] = value if absolute else self.at[axis] + value
             elif name == "F":
                 self._feed = value
             else:
                 words[name] = kind, value
-        if ends or (self._mode in ("G2", "G3") and "I" in words):
+        if ends or (self._mode in ("G2", "G3") and words.keys() & {"I", "J", "K"}):
             self._move(ends, words)
 
     def _move(self, ends: dict[int, float], words: dict[str, tuple[str, float]]) -> None:
@@ -83,13 +91,15 @@ class Run(Played):
         for axis, value in ends.items():
             end[axis] = value
         if self._mode in ("G2", "G3", "CIP"):
-            center, angle = self._circle(begin, end, words)
-            radius = np.hypot(*(begin[:2] - center))
+            one, other, across = self._plane
+            center, angle = self._circle(begin[self._plane], end[self._plane], words)
+            radius = np.hypot(begin[one] - center[0], begin[other] - center[1])
             count = max(2, math.ceil(radius * abs(angle) / STEP))
             share = np.linspace(0.0, 1.0, count + 1)[1:]
-            turned = math.atan2(begin[1] - center[1], begin[0] - center[0]) + angle * share
-            height = begin[2] + share * (end[2] - begin[2])
-            places = np.column_stack([center[0] + radius * np.cos(turned), center[1] + radius * np.sin(turned), height])
+            turned = math.atan2(begin[other] - center[1], begin[one] - center[0]) + angle * share
+            places = np.empty((count, 3))
+            places[:, one], places[:, other] = center[0] + radius * np.cos(turned), center[1] + radius * np.sin(turned)
+            places[:, across] = begin[across] + share * (end[across] - begin[across])
             places[-1] = end
         else:
             count = max(2, math.ceil(float(np.linalg.norm(end - begin)) / STEP))
@@ -103,8 +113,9 @@ class Run(Played):
     def _circle(self, begin, end, words) -> tuple[np.ndarray, float]:
         a, b = begin[:2], end[:2]
         if self._mode == "CIP":
-            kinds = words["I1"][0], words["J1"][0]
-            given = np.array([words["I1"][1], words["J1"][1]])
+            names = ["IJK"[axis] + "1" for axis in self._plane[:2]]
+            kinds = words[names[0]][0], words[names[1]][0]
+            given = np.array([words[name][1] for name in names])
             away = [kind == "IC" or (not kind and not self._absolute) for kind in kinds]
             middle = given + np.where(away, a, 0.0)
             rows = np.array([middle - a, b - a])
@@ -121,7 +132,7 @@ class Run(Played):
             center = 0.5 * (a + b) + away * across
         else:
             center = a.copy()
-            for axis, name in enumerate("IJ"):
+            for axis, name in enumerate("IJK"[axis] for axis in self._plane[:2]):
                 kind, value = words.get(name, ("", 0.0))
                 center[axis] = value if kind == "AC" else a[axis] + value
         angle = turn(a - center, b - center)

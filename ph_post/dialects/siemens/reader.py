@@ -62,6 +62,8 @@ _TURNED: Final = re.compile(r"\b(?:G96[12]?|LIMS)\b|\bCYCLE9(?:[3-8]|[3-5]\d)\b"
 """Words of lathes: a constant cutting speed and its limit (SINUMERIK 840D sl, Fundamentals, 6FC5398-1BP40-3BA1, 5.2),
 and the turning cycles, 93 to 98 and 930 to 952."""
 _DIAMETERS: Final = re.compile(r"\bDIAM(?:ON|OF|90)\b", re.IGNORECASE)
+_PLACED: Final = re.compile(rb"\bCIP\b|\bPOLY\b|\bI\s*=\s*AC\b")
+"""Circles and polynomials whose other places are diameters, too, and are not read as such."""
 _X: Final = re.compile(r"(?<![A-Z_$])X\s*=?\s*[-+.\d(A-Z]", re.IGNORECASE)
 _UNMEASURED: Final = "X may be a diameter, as a lathe's setting has it: DIAMON or DIAMOF says which"
 _FEED_MODES: Final = re.compile(rb"G9(?:[3-7]|6[12]|7[13])(?!\d)")
@@ -103,16 +105,24 @@ class Translator:
     A line with something that is not understood is passed through and named, and the position is unknown
     behind it. `rows` are the words of all lines, `motions` the motion word in force behind each where RS274 has
     another; `moves` are lines that move, and `tangents` those of them from which a tangential one goes on, so that
-    nothing may be put between. With `computes` parameters are worked out, which holds where lines run in their order.
+    nothing may be put between. `diameters` are what the words of diameters are in RS274. With `computes` parameters are
+    worked out, which holds where lines run in their order.
     """
 
-    def __init__(self, *, computes: bool = True, forced: Mapping[int, str] = {}) -> None:
+    def __init__(
+        self,
+        *,
+        computes: bool = True,
+        forced: Mapping[int, str] = {},
+        diameters: Mapping[str, str] = tables.DIAMETERS,
+    ) -> None:
         self.extras = Extras(polynomials={}, circles={}, profiles={}, remarks={})
         self.modes = SiemensModes()
         self.rows = SiemensRows()
         self.motions: dict[int, str] = {}
         self.moves: list[int] = []
         self.tangents: set[int] = set()
+        self.diameters = diameters
         self._computes, self._forced = computes, forced
 
     def translate(self, number: int, text: str, base: int) -> str:
@@ -343,8 +353,8 @@ class _Line:
             self.modes.linear = name == "FLIN"
         elif name == "SUPA":
             self.parts.append("G53")
-        elif name in tables.DIAMETERS:
-            self.parts.append(tables.DIAMETERS[name])
+        elif name in self.of.diameters:
+            self.parts.append(self.of.diameters[name])
         elif name in tables.FRAMES:
             self._to_frame(word, tables.FRAMES[name])
         elif name in tables.OTHER_MOTIONS:
@@ -494,6 +504,8 @@ def read_siemens(data: bytes, name: str, *, contours: bool = False) -> PartProgr
     contours : bool
         See :meth:`ph_post.gcode.program.Language.contoured`.
 
+    X is in diameters where DIAMON says so before the first one, but not where the centre of an arc is a place.
+
     Raises
     ------
     InputError
@@ -512,13 +524,14 @@ def read_siemens(data: bytes, name: str, *, contours: bool = False) -> PartProgr
     turned = has_feeds_per_turn(text) and not _FEED_MODES.search(text)
     stretches, measured = find_stretches(bare), _unmeasured(bare, turned=turned)
     language = replace(XYZ_ONLY, contours=contours, fixed={FEED_MODE: 95.0} if turned else {})
+    hidden = {"DIAMON": "G68"} if _PLACED.search(text) else {}
     forced: dict[int, str] = {}
     while True:
-        translator = Translator(computes=not stretches, forced=forced)
+        translator = Translator(computes=not stretches, forced=forced, diameters={**tables.DIAMETERS, **hidden})
         texts = _translated(whole, lines, stretches, translator)
         table, remarks = translator.rows.table(), translator.extras.remarks
         if measured is not None:
-            texts[measured] = b"G7 " + texts[measured]
+            texts[measured] = b"G68 " + texts[measured]
             remarks.setdefault(measured, Remark(what=_UNMEASURED))
         program = read_translated(data, lines, name, texts, remarks, in_place=False, language=language, words=table)
         program, refused = with_extras(program, translator.extras)
