@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Final
@@ -180,6 +181,9 @@ class FeedWords:
 _CENTERS: Final = tuple(CENTERS.values())
 _FULL: Final = 1e-9
 _MOST_DECIMALS: Final = 9
+_DECIMALS_OF: Final = re.compile(rb"[.,](\d+)")
+"""The decimals of a number."""
+
 _ANGLE_DECIMALS: Final = 4
 """Of the angle [deg] of a helix in languages that write it in words of their own."""
 
@@ -194,10 +198,18 @@ _LARGEST: Final = 2.0**62
 
 
 def fine_decimals(program: PartProgram, decimals: int) -> int:
-    """Decimals on which every position that a program names is exact, and those written too."""
+    """Decimals on which every position that a program names is exact, and those written too.
+
+    In a language of its own an increment has no number in the table; the place to which it leads has its decimals.
+    """
     words = program.words
-    placed = np.isin(words.letter, [ord(name) for name in "XYZIJK"]) & (words.decimals > decimals)
-    return min(max(decimals, int(words.decimals[placed].max(initial=0))), _MOST_DECIMALS)
+    placed = np.isin(words.letter, [ord(name) for name in "XYZIJK"])
+    found = [decimals, int(words.decimals[placed].max(initial=0))]
+    if program.language.spelling is not None:
+        data, steps = program.data, np.flatnonzero(placed & (words.decimals < 0)).tolist()
+        texts = (data[words.start[word] : words.end[word]] for word in steps)
+        found += [len(part) for text in texts for part in _DECIMALS_OF.findall(text)]
+    return min(max(found), _MOST_DECIMALS)
 
 
 def _turn(angle: float, start: IntArray, end: IntArray) -> tuple[float, IntArray]:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path as File
 
 import numpy as np
 import pytest
+from support.corpus import Entry
+from support.corpus_judge import judge
 from support.in_place import KLARTEXT
 
 from ph_post.edit.undo import undo
@@ -124,3 +127,14 @@ def test_what_stands_between_circles_of_two_planes_keeps_both():
     one = KLARTEXT.compensate(text.encode())
     assert one.edits.crossings
     assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=MACHINE).ok
+
+
+def test_a_helix_ends_where_its_increment_says():
+    """An increment of five decimals leads to a place of five: written with four it would not be the original's."""
+    lines = ["L X-9.87 Y1.092 FMAX", "L Z0.5 FMAX", "CC X-6.7432 Y-2.1442", "CP IPA1053.633 IZ-1.44444 DR+ F250"]
+    lines += ["L X-14.85 Y0 Z-0.944", "L X-1.364 Y-4.288", "CC X0 Y0", "C X0 Y-4.5 DR+", "L Z+5 FMAX"]
+    text = "\n".join(["BEGIN PGM A MM", *lines, "END PGM A MM", ""])
+    found = judge(Entry("helix", File("helix.h"), "heidenhain", text))
+    assert found.reversals == found.compensated > 10
+    assert found.followed == found.shown > 5
+    assert 5.0 * found.rms[1] < found.rms[0]

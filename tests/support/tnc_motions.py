@@ -72,7 +72,7 @@ class TncRun(Played):
                 half = 0.5 * np.linalg.norm(b - a)
                 away = math.sqrt(max(radius * radius - half * half, 0.0)) * (1 if (radius > 0) == left else -1)
                 center = 0.5 * (a + b) + away * np.array([-(b - a)[1], (b - a)[0]]) / (2.0 * half)
-            if steps := re.search(r"IPA([-+][\d.]+)", line):
+            if steps := re.search(r"IPA([-+]?[\d.]+)", line):
                 angle = math.radians(float(steps[1]))
                 turned = math.atan2(*(a - center)[::-1]) + angle
                 b = center + np.hypot(*(a - center)) * np.array([math.cos(turned), math.sin(turned)])
