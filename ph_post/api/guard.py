@@ -15,6 +15,7 @@ from ph_post.edit.edits import EditOptions
 from ph_post.edit.reversals import section_spans
 from ph_post.errors import PhPostError
 from ph_post.simulate.assess import is_nominal, run_scenarios
+from ph_post.simulate.controllers.deviation import FollowedCut
 from ph_post.types import Array, BoolArray, IntArray, Scenario
 from ph_post.units import MM
 
@@ -32,6 +33,9 @@ SLACK: Final = 0.005
 
 MARGIN: Final = 0.9
 """Part of the slack that another plan is to keep."""
+
+STEPS: Final = 100_000
+"""Places, at equal steps along its way, at which an error is looked at in a section at most."""
 
 ROUNDS: Final = 8
 """Plans that are tried before a program is left as it is."""
@@ -156,7 +160,7 @@ def _section_errors(motion: ProgramMotion) -> list[Array]:
     section = np.searchsorted(low, cut.motion[cut.counted], side="right") - 1
 
     def errors(scenario: Scenario) -> Array:
-        return _by_section(cut.counted_distances(scenario), section, low.size)
+        return _by_section(cut.counted_distances(scenario), _ways(cut, scenario), section, low.size)
 
     tried = [one for one in cut.scenarios() if is_nominal(one) or one.runs_on is not None]
     found = dict(zip(tried, run_scenarios(errors, tried), strict=True))
@@ -164,7 +168,18 @@ def _section_errors(motion: ProgramMotion) -> list[Array]:
     return [stays, *(own for one, own in found.items() if one.runs_on is not None)]
 
 
-def _by_section(distance: Array, section: IntArray, count: int) -> Array:
+def _ways(cut: FollowedCut, scenario: Scenario) -> Array:
+    """Return the ways of the rows that count [m]: how far the table goes, or its motor along the path.
+
+    By them a percentile is one of the part. By time it grows where nothing does but how long the tool stops or runs up.
+    """
+    way = np.abs(np.diff(cut.place, prepend=cut.place[:1]))
+    for axis in cut.runs.executed(scenario).T:
+        np.maximum(way, np.abs(np.diff(axis, prepend=axis[:1])), out=way)
+    return way[cut.counted]
+
+
+def _by_section(distance: Array, way: Array, section: IntArray, count: int) -> Array:
     found = np.zeros((count + 1, 3))
     order = np.argsort(section, kind="stable")
     edges = np.searchsorted(section[order], np.arange(count + 1))
@@ -172,8 +187,19 @@ def _by_section(distance: Array, section: IntArray, count: int) -> Array:
     for number, rows in enumerate([*parts, order]):
         if rows.size:
             own = distance[rows]
-            found[number] = own.max(), np.sqrt((own * own).mean()), np.quantile(own, 0.95)
+            # The root mean square is over the time, as a result tells it.
+            even = own[_evenly(way[rows])]
+            found[number] = own.max(), np.sqrt((own * own).mean()), np.quantile(even, 0.95)
     return found
+
+
+def _evenly(way: Array) -> IntArray:
+    """Return rows at equal steps along ways (n,) [m], as many as there are up to :data:`STEPS`."""
+    along = np.cumsum(way)
+    if along[-1] <= 0.0:
+        return np.arange(way.size)
+    number = min(way.size, STEPS)
+    return np.asarray(np.searchsorted(along, (np.arange(number) + 0.5) * (along[-1] / number)))
 
 
 def tightened(options: EditOptions, finding: GuardFinding, allowed: float, count: int) -> EditOptions | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path as File
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from ph_post.types import EffectSetting, Limits, Machine
 from tests.support.cascade_plant import PERIOD, Drive, motor_of, play, pushed
 from tests.support.cascade_records import machine_of
 from tests.support.closed_loops import distances, outline
+from tests.support.corpus import Entry
+from tests.support.corpus_judge import judge
 from tests.support.played import play_program
 
 DRIVE, GAP = Drive(tn=12e-3, velocity=0.9), 3e-5
@@ -163,3 +166,13 @@ def test_the_slow_end_of_an_arc_is_slow_behind_a_controller_that_rounds_joints()
             sizes.append((off.max(), np.sqrt((off**2).mean())))
         assert sizes[1][0] < 1.01 * sizes[0][0]
         assert sizes[1][1] < sizes[0][1] / 5.0
+
+
+def test_an_error_weighs_by_the_way_on_which_it_is_and_not_by_its_time() -> None:
+    """A long first move from an unknown side ends in a stop: it takes longer then, and nothing else is any worse."""
+    moves = ["X10", "X-20", "X10", "Y10", "Y-20", "Y10"]
+    lines = ["G21 G90 G94", "G1 Z5 F9999", "G1 X20 Y20", "G1 Z0.5", "G91", *(["G1 Z-2", *moves] * 4), "G90", "M2"]
+    found = judge(Entry("cross", File(), "grbl", "\n".join(lines) + "\n"))
+    assert found.compensated == found.reversals > 10
+    assert found.followed > 0.9 * found.shown > 10
+    assert 5.0 * found.rms[1] < found.rms[0]
