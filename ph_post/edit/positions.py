@@ -153,6 +153,9 @@ def find_restarts(
     clock = np.append(0.0, np.cumsum(times))
     numbers = np.cumsum(np.append(False, np.diff(motions.chain) != 0))
     found: list[Restart] = []
+    # A lathe has no Y: there X alone comes to its place.
+    across = [column for column in range(2) if moving[:, column].any()]
+    late = late and len(across) > 1
     heads = np.append(True, np.diff(numbers) != 0)
     ends = np.flatnonzero(np.append(~alone | heads, True))
     rests = np.flatnonzero(np.append(~rapid | heads, True))
@@ -163,10 +166,10 @@ def find_restarts(
         run = slice(first, int(rests[np.searchsorted(rests, first, side="right")]))
         cut = int(ends[np.searchsorted(ends, run.stop)])
         down = moving[first:cut, 2] & (motions.end[first:cut, 2] < motions.start[first:cut, 2])
-        own = [np.flatnonzero(named[run, column] & absolute[run]) for column in range(2)]
+        own = [np.flatnonzero(named[run, column] & absolute[run]) for column in across]
         ready = all(places.size for places in own) and bool(down.any()) and absolute[first:cut].all()
-        if ready:
-            x, y = (first + int(places[-1]) for places in own)
+        if ready and own:
+            x, y = (first + int(own[min(column, len(own) - 1)][-1]) for column in range(2))
             found.append(Restart(first=first, cut=cut, chain=int(numbers[first]), rapid=(x, y), late=not fresh))
     return found
 
@@ -210,3 +213,30 @@ def approach_again(rows: Array, restarts: list[Restart], column: int) -> Array:
             places.append(last + 1)
             more.append(_change(motion, rows[last, SIGN], float(one.chain), carried=False, beyond=True))
     return np.insert(found, places, more, axis=0) if more else found
+
+
+def placed_once(rows: Array, restarts: list[Restart], moving: BoolArray, column: int, sign: float) -> Array:
+    """Let an axis come to a side of its backlash in chains in which a rapid brings it to its only place.
+
+    It turns nowhere there, but the part shows where its table stands: on either side, as nobody knows where it was.
+
+    Parameters
+    ----------
+    rows : Array, shape (n, 11)
+        Changes of an axis as of :func:`~ph_post.edit.reversals.find_reversals`.
+    restarts : list of Restart
+    moving : BoolArray, shape (m,)
+        Motions that move the axis, as :func:`moves` has them.
+    column : int
+        0 or 1: X or Y.
+    sign : float
+        The side, as a direction.
+    """
+    turning = set(rows[:, CHAIN].tolist())
+    more = []
+    for one in restarts:
+        brought = one.first + np.flatnonzero(moving[one.first : one.rapid[column] + 1])
+        if brought.size and not one.late and one.chain not in turning:
+            more.append(_change(int(brought[-1]), sign, float(one.chain), carried=False, beyond=True))
+    places = np.searchsorted(rows[:, MOTION], [row[MOTION] for row in more], side="right")
+    return np.insert(rows, places, more, axis=0) if more else rows

@@ -15,7 +15,16 @@ from ph_post.dialects.base import Dialect
 from ph_post.edit.crossing_ground import APPROACH, CrossingGround
 from ph_post.edit.crossing_search import CrossingSearch
 from ph_post.edit.edits import EditOptions
-from ph_post.edit.positions import RESTART, Restart, approach_again, find_restarts, position_from, resting_places
+from ph_post.edit.positions import (
+    RESTART,
+    Restart,
+    approach_again,
+    find_restarts,
+    moves,
+    placed_once,
+    position_from,
+    resting_places,
+)
 from ph_post.edit.preconditions import (
     cutting_feed,
     why_indivisible,
@@ -101,6 +110,7 @@ class ReversalSearch:
             for name, (minus, plus) in sides.items()
         }
         self._from = -options.position_from
+        self._moving = moves(program.motions)
         self._places = [resting_places(program.motions, axis) if self._from else [] for axis in range(2)]
         ground = CrossingGround(
             program,
@@ -175,6 +185,9 @@ class ReversalSearch:
         )
         rows[:, CHAIN] = np.searchsorted(self._whole, low[rows[:, CHAIN].astype(np.int64)], side="right") - 1
         if axis < 2:
+            minus, plus = self.sides[name]
+            side = 1.0 if abs(plus) <= abs(minus) else -1.0
+            rows = placed_once(rows, self._restarts, self._moving[:, axis], axis, side)
             rows = approach_again(self._from_one_side(rows, axis), self._restarts, axis)
         # What was added where the axis is left alone goes again.
         span = np.searchsorted(low, rows[:, MOTION], side="right") - 1

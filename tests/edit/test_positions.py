@@ -235,3 +235,26 @@ def test_contours_behind_holes_are_as_good_as_without(side, turn):
         x, y = (play(found.motor[:, n], tuple(LOST.values())[n], side) for n, side in enumerate(sides))
         flat = np.column_stack([x, y, np.zeros(x.size)])[contour]
         assert distance(flat, cuts).max() < 2.5 * UM
+
+
+def tools_with_one_hole(holes):
+    """A tool for each hole: behind a change nobody knows where the table stands, and nothing turns after it."""
+    lines = ["G21 G90 G17 G94"]
+    for number, (x, y) in enumerate(holes, 1):
+        lines += [f"T{number} M6", f"G0 X{x} Y{y}", "G0 Z2", "G1 Z-3 F200", "G0 Z10"]
+    return "\n".join([*lines, "M2", ""]).encode()
+
+
+@pytest.mark.parametrize("side", ["both", "-"])
+def test_a_tool_with_one_hole_comes_to_it_from_a_side_that_is_known(side):
+    text = tools_with_one_hole(HOLES[:4])
+    changed, result = compensated(text, machine(reference_direction=side))
+    gaps = [LOST["X"], LOST["Y"]]
+    # The table is half the backlash beside its motor, or where it stands on the side of the zero.
+    expected = np.array(HOLES[:4], dtype=float) + (0.5 * np.array(gaps) if side == "-" else 0.0)
+    plain = [where(text.decode(), gaps, sides) for sides in SIDES]
+    assert max(np.abs(found - expected).max() for found in plain) > 35 * UM
+    for sides in SIDES:
+        assert np.abs(where(changed, gaps, sides) - expected).max() < 0.1 * UM
+    assert result.after.time < 1.05 * result.before.time
+    assert undo(changed.encode(), "part.ngc") == text
