@@ -25,6 +25,10 @@ _PLACES: Final = re.compile(rb"[XZUW]\s*[-+.\d]")
 _DISTANCE: Final = re.compile(rb"G9([01])(?![\d.])")
 _LABEL: Final = re.compile(rb"[ \t/]*N[ \t]*0*(\d+)")
 _LINE: Final = re.compile(rb"\r\n|\r|\n")
+_OFFSET: Final = re.compile(rb"T\d{4}(?!\d)")
+"""A tool and its offset, as lathes call them."""
+
+_OWN: Final = re.compile(rb"G0*28(?!\d)[^\n\r]*U|G0*96(?!\d)")
 _COMMENT: Final = re.compile(rb"\([^)\n\r]*\)?")
 
 
@@ -32,13 +36,15 @@ def is_turned(data: bytes) -> bool:
     r"""Return whether a program of Fanuc's is one of a lathe: it has words that no mill has.
 
     Those that `--expand` wrote out stand in comments, and are found there. It is one of a lathe, too, that moves X and
-    Z alone, at feeds that are none a minute.
+    Z alone, at feeds that are none a minute, or with tools called as T0101 and G28 U or G96.
 
     Examples
     --------
     >>> is_turned(b"G50 S2500\nG96 S200 M3\n"), is_turned(b"G71 P10 Q20 U0.4 W0.1 F0.2\n")
     (True, True)
     >>> is_turned(b"G0 X20. Z1.\nG1 Z-5. F0.1\n"), is_turned(b"G0 X20. Z1.\nG1 Z-5. F100.\n")
+    (True, False)
+    >>> is_turned(b"G28 U0 W0\nT0101\nG0 X80. Z2.\n"), is_turned(b"G28 U0\nT0101\nG0 X80. Y2.\n")
     (True, False)
     >>> is_turned(b"G50\nG0 X1. S2500\n"), is_turned(b"G73 X1. Z-5. R1. Q2. P100\n")
     (False, False)
@@ -49,7 +55,9 @@ def is_turned(data: bytes) -> bool:
     if b"G7" in text and any(_shape_of(found[0]) is not None for found in _CYCLE.finditer(text)):
         return True
     bare = _COMMENT.sub(b"", text)
-    return b"X" in bare and b"Z" in bare and b"Y" not in bare and has_feeds_per_turn(bare)
+    if b"X" not in bare or b"Z" not in bare or b"Y" in bare:
+        return False
+    return (_OFFSET.search(text) is not None and _OWN.search(text) is not None) or has_feeds_per_turn(bare)
 
 
 def has_feeds_per_turn(bare: bytes) -> bool:

@@ -1,11 +1,12 @@
 """Programs of lathes, which tell X in diameters: offsets are twice as large in their words."""
 
 import re
+from pathlib import Path as File
 
 import numpy as np
 import pytest
-from support.corpus import stepper
-from support.corpus_judge import Judged, compare
+from support.corpus import Entry, stepper
+from support.corpus_judge import Judged, compare, judge
 from support.ideal_play import distances
 from support.lathe_player import LathePlayer
 from support.reference_player import play
@@ -179,3 +180,20 @@ def test_what_is_a_diameter_in_part_is_left_as_it_is(odd):
 def test_a_path_is_not_written_for_a_lathe():
     with pytest.raises(InputError, match=r"fanuc\+lathe writes no paths"):
         find_dialect("fanuc+lathe").syntax.opening("G18")
+
+
+TOOLS_IN_TURN = (
+    "%\nO7\nG28 U0 W0\nT0101\nG97 S800 M3\nG0 X0. Z5.\nG1 Z-20. F100.\nG0 Z5.\nG28 U0 W0\n"
+    "T0202\nG0 X40. Z2.\nG1 Z-30. F120.\nX50.\nZ-34.\nX46.\nG0 X60. Z2.\nG28 U0 W0\nM30\n%\n"
+)
+"""A drill on the axis, and a tool that turns; nothing but T, G28 U and the missing Y says that this is a lathe."""
+
+
+def test_a_lathe_is_known_by_its_tools_and_a_drill_comes_to_its_axis_from_a_known_side():
+    found = judge(Entry("tools", File(), "fanuc", TOOLS_IN_TURN))
+    assert found.outcome == "compensated"
+    assert found.followed == found.shown == 2
+    assert 20.0 * found.rms[1] < found.rms[0]
+    assert read_as("fanuc", TOOLS_IN_TURN.encode(), "a.nc").motions.end[:, 0].max() == pytest.approx(0.03)
+    mill = TOOLS_IN_TURN.replace("X40.", "X40. Y0.").encode()
+    assert read_as("fanuc", mill, "a.nc").motions.end[:, 0].max() == pytest.approx(0.06)
