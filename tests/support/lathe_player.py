@@ -18,18 +18,15 @@ LATHE = re.compile(r"G7[0-3](?=[^\n]*P\d)(?=[^\n]*Q\d)(?![^\n]*[XZ][-.\d])|(?s:G
 
 
 def is_lathe(text):
-<<<<<<< HEAD
-    """Return whether a program is one of a lathe: by its words, or as it moves X and Z alone at feeds up to 2."""
+    """Return whether a program is one of a lathe.
+
+    By its words, or as it moves X and Z alone, at feeds up to 2 or with tools called with their offsets.
+    """
     bare = re.sub(r"\([^)]*\)?", "", text.upper())
     feeds = [float(found) for found in re.findall(r"F *(\d+\.?\d*|\.\d+)", bare)]
     alone = "X" in bare and "Z" in bare and "Y" not in bare
-    return LATHE.search(bare) is not None or (alone and 0.0 < max(feeds, default=0.0) <= 2.0)
-=======
-    """Return whether a program in capitals is one of a lathe: by `LATHE`, or by T with an offset where Y is missing."""
-    plain = re.sub(r"\([^)]*\)", "", text)
-    own = re.search(r"\bT\d{4}\b", re.sub(r"(?<=\d)(?=[A-Z])", " ", plain)) and re.search(r"G28[^\n]*U|G96", plain)
-    return bool(LATHE.search(text) or (own and not re.search(r"Y *[-+]?[.\d]", plain)))
->>>>>>> ce474121 (Know a lathe's program by T0101, G28 U and no Y)
+    own = re.search(r"T\d{4}(?!\d)", bare) and re.search(r"G28[^\n]*U|G96", bare)
+    return LATHE.search(bare) is not None or bool(alone and (own or 0.0 < max(feeds, default=0.0) <= 2.0))
 
 
 def lathe_moves(text, begin):
