@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 import msgspec
@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from ph_post.dialects.base import Dialect
 from ph_post.dialects.planners import planner_of
 from ph_post.drive.cascade import response_time
+from ph_post.edit.beam_exposure import CornerCrossings, burns_little
 from ph_post.edit.beams import BeamGuard
 from ph_post.edit.crossing_shapes import (
     AT_SPEED,
@@ -25,7 +26,7 @@ from ph_post.edit.crossing_shapes import (
     shortest_time,
 )
 from ph_post.edit.cutter_contours import CutterContours
-from ph_post.edit.edits import CrossingEdit
+from ph_post.edit.edits import CrossingEdit, StopEdit
 from ph_post.edit.extrusion import filament_of
 from ph_post.edit.lagging_crossings import SHORT_LAG
 from ph_post.edit.positions import shiftable
@@ -266,6 +267,51 @@ class CrossingGround:
         into, out = here - before, behind - here
         size = np.linalg.norm(into, axis=1) * np.linalg.norm(out, axis=1)
         return np.asarray((into * out).sum(axis=1) / np.maximum(size, BESIDE**3))
+
+    def stops_burn_little(self, places: Array, stops: Sequence[StopEdit]) -> BoolArray:
+        """Return whether a beam may stay on in stops (n,) at places along the program."""
+        way, lasts = np.zeros((len(stops), 3)), np.zeros(len(stops))
+        for n, stop in enumerate(stops):
+            for shift in stop.shifts:
+                way[n, AXES.index(shift.axis)] += shift.travel
+                lasts[n] = max(lasts[n], abs(shift.travel) / shift.velocity)
+        return self.burns_little(places, np.zeros(len(stops)), way, np.linalg.norm(way, axis=1) / lasts)
+
+    def burns_little(self, places: Array, along: Array, way: Array, speed: Array) -> BoolArray:
+        """Return whether a beam may stay on in crossings at places along the program.
+
+        Parameters
+        ----------
+        places : Array, shape (n,)
+        along, way, speed : arrays
+            Of :class:`~ph_post.edit.beam_exposure.CornerCrossings`.
+
+        Returns
+        -------
+        BoolArray, shape (n,)
+        """
+        if not places.size:
+            return np.zeros(0, dtype=np.bool_)
+        before, here, behind = (points_along(self.view, self.along, places + BESIDE * k) for k in (-1.0, 0.0, 1.0))
+        into, out = (
+            way_there / np.maximum(np.linalg.norm(way_there, axis=1), 1e-3 * BESIDE)[:, None]
+            for way_there in (here - before, behind - here)
+        )
+        motion = np.searchsorted(self.along, np.stack([places - BESIDE, places + BESIDE], axis=1), side="right") - 1
+        motion = np.clip(motion, 0, self.feed.size - 1)
+        lost = np.array([self.machine.axes[n].gap.lost_motion if n in self.machine.axes else 0.0 for n in AXES])
+        crossings = CornerCrossings(
+            into=into,
+            out=out,
+            feed=np.maximum(self.feed[motion], LEAST_FEED),
+            room=self.along[motion[:, 1] + 1] - places,
+            rests=self.halts[motion[:, 0]],
+            along=along,
+            way=way,
+            speed=speed,
+            lost=np.where(way != 0.0, lost, 0.0).max(axis=1),
+        )
+        return burns_little(self.machine, crossings)
 
     def alone(self, motion: int, column: int, sign: float) -> bool:
         """Return whether an axis, from a motion on, first moves alone, before any cut, and by more than its backlash.

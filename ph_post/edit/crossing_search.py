@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from ph_post.edit.crossing_costs import CrossingCosts
 from ph_post.edit.crossing_ground import APPROACH, CrossingGround, Spots
 from ph_post.edit.crossing_spots import SpotSearch
 from ph_post.edit.crossings import CrossingPlace, CrossingPlanner, shortest_block
-from ph_post.edit.edits import CrossingEdit, OffsetShift, StopEdit
+from ph_post.edit.edits import CrossingEdit, OffsetShift, StopEdit, join_stops
 from ph_post.edit.positions import Restart
 from ph_post.edit.reversals import (
     BEYOND,
@@ -99,6 +100,7 @@ class CrossingSearch:
         inside: dict[int, Array] = {}
         reached = -np.inf
         burnt: list[int] = []
+        marking: dict[tuple[int, float], list[int]] = {}
         for n, row in enumerate(spots.rows):
             column = int(spots.column[n])
             after = current.copy()
@@ -116,13 +118,14 @@ class CrossingSearch:
                     there = self._at_rest(row)
                     last = int(there[MOTION])
                     if ground.beam.marks(there, int(spots.before[n]), behind_rapid=ground.behind_rapid(there)):
-                        burnt.append(last)
+                        marking.setdefault((last, float(there[SHARE])), []).append(n)
                     stop, beyond = self._jog(spots, n, there, float(after[column] - current[column]), coarser)
                     stops.append(stop)
                     if beyond > 0.0:
                         approaches[AXES[column]] = max(approaches.get(AXES[column], 0.0), beyond)
             lasting.append((last, column, float(after[column])))
             current = after
+        burnt += self._burnt(spots, marking, stops)
         # Where its motion is divided a stop is written in the change with it, before the line that switches off.
         divided = {part.motion for one in crossings for part in one.parts}
         burnt += [one.motion for one in stops if one.behind is not None and one.motion in divided]
@@ -132,6 +135,25 @@ class CrossingSearch:
         begins = self._lines_for_restarts(spots, stops)
         marked = (replace(one, restart=True) if one.approach and one.motion in begins else one for one in stops)
         return PlannedChanges(tuple(crossings), tuple(marked), approaches, offset, tuple(burnt))
+
+    def _burnt(
+        self, spots: Spots, marking: Mapping[tuple[int, float], list[int]], stops: Sequence[StopEdit]
+    ) -> list[int]:
+        """Return the motions at which a beam or a nozzle would mark the part, of the stops in which it stands.
+
+        At constant power a laser may cross its backlash in a corner where that burns little.
+        """
+        ground = self.ground
+        joined = {
+            place: join_stops(list(found))
+            for place, found in groupby(stops, lambda one: (one.motion, one.share))
+            if place in marking
+        }
+        short = [place for place, one in joined.items() if ground.beam.tool == "laser" and one.crosses]
+        at = spots.at[[marking[place][0] for place in short]]
+        allowed = ground.stops_burn_little(at, [joined[place] for place in short])
+        harmless = {place for place, may in zip(short, allowed.tolist(), strict=True) if may}
+        return [place[0] for place in joined if place not in harmless]
 
     def _lines_for_restarts(self, spots: Spots, stops: list[StopEdit]) -> frozenset[int]:
         """Return the rapids from which a program may be started again: all axes come to their sides behind them."""
@@ -201,7 +223,11 @@ class CrossingSearch:
             spread=float(spots.spread[n]),
             whole=bool(spots.whole[n]),
         )
-        return planner.plan(spot, spots.window[n])
+        made = planner.plan(spot, spots.window[n])
+        if made is None or not self.ground.beam.works.burns[int(spots.rows[n, MOTION])]:
+            return made
+        # Where a beam burns what stands there is no stop in its place.
+        return replace(made, behind=False)
 
     def _at_rest(self, row: Array) -> Array:
         """Return a change with a beam behind the motions to the same place: it may be switched off there."""

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.edit.beam_exposure import RAISED
 from ph_post.edit.crossing_costs import CrossingCosts
 from ph_post.edit.crossing_ground import LEAST_FEED, CrossingGround, Spots
 from ph_post.edit.crossing_shapes import (
@@ -77,8 +78,11 @@ STRAIGHT: Final = 1.0 - 1e-9
 NEAR: Final = 0.25
 """Part of the length of a line that a table may be beside it behind a corner: the next line is not nearer then."""
 
-FROM_REST: Final = 2.0
-"""Lost motions that a path comes on from rest while the motor crosses one, both with the acceleration of the axis."""
+FROM_REST: Final = (2.0, 4.0, 1.0)
+"""Lost motions that a path comes on behind a corner while the motor crosses one under a beam, in the order of trial.
+
+From rest it is two, both with the acceleration of the axis. On more the motor turns off less, and brakes less for that.
+"""
 
 BESIDE: Final = 4
 """Changes before and behind a rest of which it is looked whether they use it: no more can be at its ends."""
@@ -273,6 +277,9 @@ class SpotSearch:
         # Where there is time a stop leaves no error at all.
         may_wait = coarser > 1.0 and not ground.plain_corners
         burns = ground.beam.is_beam & ground.beam.works.burns[motion]
+        # A beam would burn a corner in which two axes turn for both, one after the other: they do so together.
+        apart = np.append(np.diff(spots.at) > FINEST, True)
+        burns &= apart & np.append(True, apart[:-1])
         sharp = inner & corner & ~corrected & (lag < SHORT_LAG) & (may_wait | burns)
         moves = np.append(np.flatnonzero(~ground.still), motions.kind.size - 1)
         spots, slowly = self._behind_corners(
@@ -406,20 +413,27 @@ class SpotSearch:
         shortest = shortest_block(feed)
         begin, end = spots.at[which], ground.along[behind[which] + 1]
         lit = burns[which]
-        finish = begin + np.maximum(np.where(lit, np.minimum(feed * time, FROM_REST * lost), feed * time), shortest)
-        finish = np.where(lit, np.minimum(finish, end), finish)
-        finish = np.where(end - finish < shortest, np.maximum(finish, end), finish)
         # What happens in the next corner begins there.
         next_begin = np.where(spots.whole, spots.rest[:, 0], np.where(corner & ~calm, spots.at, -np.inf))
-        limit = np.maximum(spots.bound[:, 1], np.append(next_begin[1:], -np.inf))[which]
-        fits = (finish <= np.minimum(end, limit)) & (finish - begin >= shortest)
-        points = [points_along(ground.view, ground.along, one) for one in (begin, finish)]
-        way = np.abs(points[1] - points[0])[np.arange(which.size), column]
-        across = np.sqrt(np.maximum(1.0 - (way / np.maximum(finish - begin, FINEST)) ** 2, 0.0))
-        beside = way * across * lost / (lost + way)
-        fits &= lit | ((way <= PART * lost) & (beside <= np.minimum(error[which], NEAR * (end - begin))))
-        fits &= beside <= MOST * lost
-        which, begin, finish, feed, beside = (one[fits] for one in (which, begin, finish, feed, beside))
+        limit = np.minimum(end, np.maximum(spots.bound[:, 1], np.append(next_begin[1:], -np.inf))[which])
+        fits, finish, beside = np.zeros(which.size, dtype=np.bool_), begin.copy(), np.zeros(which.size)
+        for part in FROM_REST:
+            own = begin + np.maximum(np.where(lit, np.minimum(feed * time, part * lost), feed * time), shortest)
+            own = np.where(lit, np.minimum(own, end), own)
+            own = np.where(end - own < shortest, np.maximum(own, end), own)
+            fit = (own <= limit) & (own - begin >= shortest)
+            points = [points_along(ground.view, ground.along, one) for one in (begin, own)]
+            way = np.abs(points[1] - points[0])[np.arange(which.size), column]
+            across = np.sqrt(np.maximum(1.0 - (way / np.maximum(own - begin, FINEST)) ** 2, 0.0))
+            off = way * across * lost / (lost + way)
+            fit &= lit | ((way <= PART * lost) & (off <= np.minimum(error[which], NEAR * (end - begin))))
+            fit &= off <= MOST * lost
+            if lit.any():
+                fit &= ~lit | self._burns_little(spots, which, own - begin, lost)
+            finish, beside = np.where(fit & ~fits, own, finish), np.where(fit & ~fits, off, beside)
+            fits |= fit
+        which = which[fits]
+        begin, finish, feed, beside = (one[fits] for one in (begin, finish, feed, beside))
         window, bound = spots.window.copy(), spots.bound.copy()
         found[which] = True
         window[which] = np.stack([begin, finish, feed, beside, np.full(which.size, BEHIND)], axis=1)
@@ -427,6 +441,12 @@ class SpotSearch:
         after = np.minimum(which + 1, may.size - 1)
         bound[after, 0] = np.where(after > which, np.maximum(bound[after, 0], finish), bound[after, 0])
         return replace(spots, window=window, bound=bound), found
+
+    def _burns_little(self, spots: Spots, which: IntArray, along: Array, lost: Array) -> BoolArray:
+        """Return whether a beam may stay on in windows (n,) that lead `along` the path [m] behind corners."""
+        way = np.zeros((which.size, len(AXES)))
+        way[np.arange(which.size), spots.column[which]] = spots.rows[which, SIGN] * lost
+        return self._ground.burns_little(spots.at[which], along, way, spots.feed[which] * (1.0 + RAISED * lost / along))
 
     @staticmethod
     def _shared(spots: Spots, which: IntArray, rests: Array) -> BoolArray:

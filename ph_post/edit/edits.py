@@ -87,7 +87,8 @@ class CrossingPart(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class CrossingEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A crossing of the backlash on the fly: a stretch of path on which an axis gets its other offset.
 
-    `parts` in the order of travel; `length` of the stretch and largest `error` of the table [m]; `behind` a corner.
+    `parts` in the order of travel; `length` of the stretch and largest `error` of the table [m]; `behind` a corner in
+    which a stop would do as well.
     """
 
     axis: str

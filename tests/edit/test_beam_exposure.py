@@ -1,0 +1,129 @@
+"""What a beam at constant power (M3) burns in the corners of random contours, by a model that shares no code.
+
+Grbl's published rule gives the speeds; the motor is followed in steps of a tenth of a millisecond, and the table behind
+it with its backlash. What a place gets is the time for which the table is near it with the beam on.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from support import firmware_planners as grbl
+from support.editing import compensate
+from support.reference_player import BEGINS, Move, interpret, play
+
+from ph_post.drive.machinefile import read_machine
+from ph_post.types import Machine
+
+GAP = 0.06
+"""Backlash of X and Y [mm]."""
+
+RATE, PUSH, DEVIATION = (40.0, 40.0, 10.0), (250.0, 200.0, 100.0), 0.01
+"""Limits of the stepper router [mm/s, mm/s²], and Grbl's own $11 [mm]."""
+
+STEP, WAY = 1e-4, 2e-3
+"""Of time [s], and of the way at full speed [mm], the longer of both."""
+
+ADDED, LONGER = 0.5, 2.0
+"""What a crossing may add within one backlash of a corner, beside what a corner gets in which the path stops; and how
+many times as long it may be burnt."""
+
+
+def machine() -> Machine:
+    found = replace(read_machine("stepper"), dialect="grbl")
+    gaps = {name: replace(axis.gap, lost_motion=GAP * 1e-3) for name, axis in found.axes.items()}
+    return replace(found, axes={name: replace(axis, gap=gaps[name]) for name, axis in found.axes.items()})
+
+
+def contours(seed: int, feed: float) -> str:
+    """Closed contours of straight lines, long and short, sharp and dull, and a line there and back."""
+    rng = np.random.default_rng(seed)
+    lines = ["G21 G90", "M3 S0"]
+    for n in range(3):
+        centre = np.array([20.0 + 40.0 * n, 30.0])
+        count = int(rng.integers(3, 9))
+        angles = np.sort(rng.uniform(0.0, math.tau, count))
+        places = centre + rng.uniform(1.0, 12.0, count)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        places = np.vstack([places, places[0]]).round(3)
+        lines += [f"G0 X{places[0, 0]} Y{places[0, 1]}"]
+        lines += ["G1 S800", *(f"G1 X{x} Y{y} F{feed:g}" for x, y in places[1:])]
+        lines += ["G1 S0"]
+    x, y, far = *rng.uniform(0.0, 60.0, 2).round(3), rng.uniform(-9.0, 9.0, 2).round(3)
+    lines += [f"G0 X{x} Y{y}", f"G1 X{x + far[0]:.3f} Y{y + far[1]:.3f} S800 F{feed:g}", f"G1 X{x} Y{y}"]
+    return "\n".join([*lines, "M5", "G0 X0 Y0", "M2", ""])
+
+
+def burnt(text: str) -> tuple[list[Move], np.ndarray, np.ndarray]:
+    """Motions with the beam on; where the motor is while it is on, and how long it is there [s]."""
+    settings = grbl.Settings(RATE, PUSH, deviation=DEVIATION, buffer=15)
+    lit, motor, lasts = [], [], []
+    power, words = 0.0, {}
+    for number, line in enumerate(text.splitlines(), 1):
+        found = re.search(r"S([\d.]+)", re.sub(r"\(.*", "", line))
+        power = words[number] = float(found[1]) if found else power
+    moves = [move for move in interpret(text, BEGINS[0]) if move.length > 0.0]
+    blocks = [grbl.block(move.start, move.end, 1e6 if move.mode == 0 else move.feed / 60.0, settings) for move in moves]
+    speeds = [float(one) for one in grbl.entry_speeds(blocks, settings)]
+    for move, block, first, last in zip(moves, blocks, speeds, [*speeds[1:], 0.0], strict=True):
+        way, push = float(block.length), float(block.acceleration)
+        top = min(float(block.speed), math.sqrt((first**2 + last**2) / 2.0 + push * way))
+        times = [(top - first) / push, (way - (2.0 * top**2 - first**2 - last**2) / 2.0 / push) / top]
+        times.append((top - last) / push)
+        whole = sum(times)
+        t = np.linspace(0.0, whole, max(2, math.ceil(whole / max(STEP, WAY / top))) + 1)[1:]
+        up, flat = np.minimum(t, times[0]), np.clip(t - times[0], 0.0, times[1])
+        down = np.clip(t - times[0] - times[1], 0.0, None)
+        s = first * up + push * up**2 / 2.0 + top * flat + top * down - push * down**2 / 2.0
+        motor.append(move.start + np.clip(s / way, 0.0, 1.0)[:, None] * (move.end - move.start))
+        on = move.mode > 0 and words[move.line] > 0.0
+        lasts.append(np.full(t.size, whole / t.size if on else 0.0))
+        if on:
+            lit.append(move)
+    return lit, np.concatenate(motor), np.concatenate(lasts)
+
+
+def near(place: np.ndarray, points: np.ndarray, lasts: np.ndarray) -> float:
+    """How long the points are within one backlash of a place [s]."""
+    return float(lasts[np.linalg.norm(points - place, axis=1) <= GAP].sum())
+
+
+def stopped(one: Move, other: Move) -> float:
+    """How long a machine without backlash is within one backlash of a corner in which it stops [s]."""
+    whole = 0.0
+    for way, feed in ((one.end - one.start, one.feed / 60.0), (other.end - other.start, other.feed / 60.0)):
+        unit = np.abs(way) / np.linalg.norm(way)
+        push = min(most / part for most, part in zip(PUSH, unit, strict=True) if part > 0.0)
+        ramp = feed**2 / (2.0 * push)
+        whole += math.sqrt(2.0 * GAP / push) if ramp > GAP else feed / push + (GAP - ramp) / feed
+    return whole
+
+
+@pytest.mark.parametrize("feed", [30.0, 100.0, 300.0, 800.0, 1500.0, 2400.0])
+def test_no_corner_is_burnt_much_longer(feed: float) -> None:
+    left = 0
+    for seed in range(6):
+        text = contours(seed, feed)
+        found = compensate(text.encode(), machine(), dialect="grbl", max_slowdown=0.5)
+        left += any("would burn a dot" in one for one in found.edits.warnings)
+        made = found.text.decode()
+        path, motor, lasts = burnt(text)
+        _, driven, stays = burnt(made)
+        table = np.stack([*(play(driven[:, axis], GAP, 0.0) for axis in (0, 1)), driven[:, 2]], axis=1)
+        for one, other in pairwise(path):
+            if np.array_equal(one.end, other.start):
+                before, after = near(one.end, motor, lasts), near(one.end, table, stays)
+                assert after <= LONGER * before
+                assert after - before <= ADDED * stopped(one, other)
+                if feed == 30.0:
+                    assert after < 1.135 * before
+    assert left <= 1
+
+
+def test_the_time_in_a_corner_in_which_the_path_stops() -> None:
+    lines = interpret("G21 G90\nG0 X0 Y0\nG1 X10 Y0 F2400\nG1 X20 Y0\n", BEGINS[0])[-2:]
+    assert stopped(*lines) == pytest.approx(0.044, abs=0.0005)
