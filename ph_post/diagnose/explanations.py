@@ -141,6 +141,7 @@ def diagnosis_notes(
     known = () if verdict == "unknown" else outcomes
     said = [sentence for one in known if one.found for sentence in _left(log, one, remaining)]
     said += [sentence for one in known for sentence in (*_moved(one), *_not_written(one))]
+    said = [*map(_of_a_far_servo, (one for one in outcomes if one.choice.far is not None)), *said]
     said = [*map(_of_another_structure, (one for one in outcomes if one.early)), *said]
     shifted = [words for one in outcomes for words in _shifted(one)]
     if shifted:
@@ -156,6 +157,17 @@ def _of_another_structure(outcome: AxisDiagnosis) -> str:
         f"{name} answers {outcome.early / MS:.2g} ms earlier than the single loop of the file, of c = {c / MS:.3g} ms: "
         "its speed is fed forward, as in a cascade, whose numbers ph-post identify finds from this log without a file"
     )
+
+
+def _of_a_far_servo(outcome: AxisDiagnosis) -> str:
+    """Say that the gains of a log are far from the file's, and what helps where they are not named."""
+    name, near, filed = outcome.problem.axis.name, outcome.choice.far, outcome.problem.plant
+    assert near is not None
+    gain, file = (base_value(one, "position_gain") for one in (near, filed))
+    said = f"the servo of {name} is far from the file's: K_v is about {gain:.2g} 1/s by the log, {file:.3g} by the file"
+    if outcome.choice.fitted.model.parts:
+        return said
+    return f"{said}; run ph-post identify on this log without a file first, and diagnose with the file that it writes"
 
 
 def _moved(outcome: AxisDiagnosis) -> Iterator[str]:

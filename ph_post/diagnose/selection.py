@@ -6,6 +6,7 @@ independent samples, less a price for each of its numbers.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -13,9 +14,10 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.fit import FittedModel, Model, ModelPart, base_model, fit_model
+from ph_post.diagnose.fit import FittedModel, Model, ModelPart, base_model, fit_model, plant_at
 from ph_post.diagnose.hypotheses import hypotheses
-from ph_post.diagnose.hypotheses.drives import BACKLASH
+from ph_post.diagnose.hypotheses.base import Numbers
+from ph_post.diagnose.hypotheses.drives import BACKLASH, far_servo, numbers_to
 from ph_post.diagnose.search import (
     BENT,
     PRICE,
@@ -33,7 +35,10 @@ from ph_post.diagnose.search import (
     without_part,
 )
 from ph_post.diagnose.sides import gap_between
-from ph_post.identify.free_run import AxisProblem, correlation_inflation, split_evenly, with_known_side
+from ph_post.drive.plant import Plant, base_value
+from ph_post.identify.cascade_fit import roughly_fitted
+from ph_post.identify.drive_fit import position_rms
+from ph_post.identify.free_run import AxisProblem, correlation_inflation, residuals, split_evenly, with_known_side
 from ph_post.progress import Progress
 
 EARNS: Final = 8.0
@@ -58,6 +63,15 @@ between rows do (1/6), as nobody knows what a drive does there."""
 TOLD_LAID: Final = 4.0 / 3.0
 """The same where rows are farther apart than those of a drive, and the command is laid between them."""
 
+MISSED: Final = 10.0
+"""Times the noise that a file leaves whose servo may be far off."""
+
+FAR: Final = math.log(2.0)
+"""Most change of K_v or ω_v, as a logarithm, that is left to the search for names."""
+
+NEARER: Final = 0.2
+"""Part of what the file's servo leaves that another one leaves at most in whose place it stands."""
+
 MOST: Final = 4
 """Effects that are looked for on one axis."""
 
@@ -80,12 +94,14 @@ class ModelChoice(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Model that was chosen for one axis.
 
     `stages` are the fits after nothing, one, two, … effects, the first at the file's values refitted within
-    their priors; `standings` has one entry a part.
+    their priors; `standings` has one entry a part. `far` is a plant near the log where the servo of
+    the file is far from it: that is the first part, or where no model left noise alone, there is none.
     """
 
     problem: AxisProblem
     stages: tuple[FittedModel, ...]
     standings: tuple[PartConfidence, ...]
+    far: Plant | None = None
 
     @property
     def fitted(self) -> FittedModel:
@@ -100,6 +116,9 @@ def choose(problem: AxisProblem, progress: Progress) -> ModelChoice:
     again = split_evenly(problem, base.left)
     if not np.array_equal(again.fit, problem.fit):
         problem, base = again, _base(again)
+    nearer = _nearer_servo(problem, base, progress)
+    if nearer is not None:
+        return _from_nearer(problem, base, nearer, progress)
     found = _with_seen_gap(problem, base, progress) or _choose_from(problem, base, progress)
     if base.model.origin_free or (_settled(found) and len(found.fitted.model.parts) < 2):
         return found
@@ -107,6 +126,58 @@ def choose(problem: AxisProblem, progress: Progress) -> ModelChoice:
     other = _choose_from(problem, fit_model(problem, base_model(problem), problem.fit), progress)
     fewer = len(other.fitted.model.parts) < len(found.fitted.model.parts)
     return other if _settled(other) and (fewer or not _settled(found)) else found
+
+
+def _nearer_servo(problem: AxisProblem, base: FittedModel, progress: Progress) -> Numbers | None:
+    """Return the numbers of a servo far from the file's that leaves a small part of what the file's does.
+
+    Beside the file's every name would be tried for minutes, and none would explain the log. None where the file's
+    gains are not far off, or the log is not fitted that much better by others.
+    """
+    off = position_rms(problem, base.left, problem.held)
+    if problem.plant.cascade is None or off < MISSED * problem.noise_floor:
+        return None
+    progress(f"axis {problem.axis.name}: looking for the servo, which is far from the file's")
+    sides = gap_between(problem)
+    rough = roughly_fitted(problem, problem.plant.gap if sides is None else sides.width, off)
+    if rough is None:
+        return None
+    far = max(
+        abs(math.log(base_value(rough, name) / base_value(problem.plant, name)))
+        for name in ("position_gain", "velocity_gain")
+    )
+    left = position_rms(problem, residuals(problem, rough), problem.held)
+    return numbers_to(problem, rough) if far > FAR and left < NEARER * off else None
+
+
+def _from_nearer(problem: AxisProblem, base: FittedModel, numbers: Numbers, progress: Progress) -> ModelChoice:
+    """Search beside another servo than the file's, and name that servo with what is found.
+
+    Where more than noise is left beside it, nothing is named.
+    """
+    servo = far_servo(problem)
+    known = replace(problem, plant=servo.apply(problem.plant, numbers))
+    found = _base(known)
+    seen = _with_seen_gap(known, found, progress) or _choose_from(known, found, progress)
+    fitted, of_servo = seen.fitted.model, {*servo.replaces}
+    rest = tuple(one for one in fitted.parts if one.hypothesis.name != servo.name)
+    gains = tuple(one for one in fitted.parts if one.hypothesis.name == servo.name)
+    nearest = plant_at(known, replace(fitted, parts=gains))
+    off = {prior.field: x for prior, x in zip(fitted.priors, fitted.off, strict=True) if prior.field not in of_servo}
+    model = replace(
+        base.model,
+        off=tuple(off.get(prior.field, 0.0) for prior in base.model.priors),
+        parts=(ModelPart(hypothesis=servo, numbers=numbers_to(problem, nearest)), *rest),
+        origin_free=fitted.origin_free,
+    )
+    problem = with_noise(problem, seen.fitted)
+    stages = _restage(problem, fit_model(problem, model, problem.fit), base)
+    standings = tuple(
+        one for one, part in zip(seen.standings, fitted.parts, strict=True) if part.hypothesis.name != servo.name
+    )
+    sure = PartConfidence(rivals=(), confidence=1.0)
+    choice = ModelChoice(problem=problem, stages=tuple(stages), standings=(sure, *standings), far=nearest)
+    return choice if _settled(choice) else replace(choice, stages=choice.stages[:1], standings=())
 
 
 def _with_seen_gap(problem: AxisProblem, base: FittedModel, progress: Progress) -> ModelChoice | None:

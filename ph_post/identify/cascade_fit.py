@@ -199,6 +199,18 @@ def _with_rare(problem: AxisProblem, base: DriveFit) -> DriveFit:
     return found if _is_complete(problem, found) else base
 
 
+def roughly_fitted(problem: AxisProblem, gap: float, off: float) -> Plant | None:
+    """Return a cascade near the one of a log, be it with friction; None where nothing that settles was found.
+
+    Its gains are good enough to begin a search from. `gap` [m] is the backlash that is known of the axis, `off` [m]
+    what the file leaves: where no cascade that is tried first leaves less, none is fitted.
+    """
+    size = FRICTIONS[0]
+    tried = [replace(one, gap=gap, coulomb_plus=size, coulomb_minus=size) for one in _tried(problem)[1:]]
+    best = _best_of_two(problem, tried, ("friction",), off)
+    return best.plant if best is not None and _settles(best.plant) else None
+
+
 def _left_beside(found: DriveFit, other: Plant) -> float:
     """Return the squares that a fit leaves if it goes towards another plant, and its numbers give way, along lines."""
     weights = weights_of(found.problem, found.left, found.problem.fit)
@@ -274,12 +286,23 @@ def _rubbing(problem: AxisProblem, gaps: Sequence[float]) -> DriveFit:
         replace(one, gap=gap, coulomb_plus=size, coulomb_minus=size)
         for one, gap, size in product(_tried(problem), gaps, FRICTIONS)
     ]
-    tried.sort(key=lambda one: position_rms(problem, residuals(problem, one), problem.fit))
-    other = next((one for one in tried if _gain_of(one) != _gain_of(tried[0])), tried[0])
-    rest = ("friction", *(("gap",) if any(gaps) else ()))
-    fits = [fit_drive(problem, one, (*gains_of(one), *rest), rounds=1) for one in (tried[0], other)]
-    best = min(fits, key=lambda one: position_rms(problem, one.left, problem.fit))
+    best = _best_of_two(problem, tried, ("friction", *(("gap",) if any(gaps) else ())))
+    assert best is not None
     return fit_drive(problem, best.plant, best.names, rounds=1)
+
+
+def _best_of_two(
+    problem: AxisProblem, tried: Sequence[Plant], more: Sequence[str], most: float = math.inf
+) -> DriveFit | None:
+    """Fit gains and more from the best of what is tried of two K_v; None where all of it leaves more than that [m]."""
+    left = [position_rms(problem, residuals(problem, one), problem.fit) for one in tried]
+    order = sorted(range(len(tried)), key=lambda number: left[number])
+    if left[order[0]] > most:
+        return None
+    first = tried[order[0]]
+    other = next((tried[k] for k in order if _gain_of(tried[k]) != _gain_of(first)), first)
+    fits = [fit_drive(problem, one, (*gains_of(one), *more), rounds=1) for one in (first, other)]
+    return min(fits, key=lambda one: position_rms(problem, one.left, problem.fit))
 
 
 def _gain_of(plant: Plant) -> float:

@@ -128,6 +128,9 @@ UNLIKE: Final = 10.0
 SAID_BETWEEN: Final = 0.5
 """Part of a reading's noise from which the command between rows is said to be a part of it."""
 
+IN_MS: Final = 0.25
+"""Period [s] from which on the times of a log may count milliseconds: drives are recorded 4 times a ms at most."""
+
 SAMPLES_A_MEMORY: Final = 2.0
 """Samples that a servo time constant needs so that its answer can be seen."""
 
@@ -345,9 +348,10 @@ def _too_short(log: Log, machine: Machine) -> Iterator[str]:
                 "to forget how it started"
             )
         if 0.0 < memory < log.period / SAMPLES_A_MEMORY:
+            counts = "; if t counts milliseconds, --column t=t:ms" if log.period >= IN_MS else ""
             yield (
-                f"samples are {log.period / MS:.3g} ms apart; the servo of {name} answers within "
-                f"{memory / MS:.3g} ms and its motion between samples is not seen"
+                f"samples are {log.period / MS:.4g} ms apart; the servo of {name} answers within "
+                f"{memory / MS:.3g} ms and its motion between samples is not seen{counts}"
             )
 
 

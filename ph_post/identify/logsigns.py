@@ -16,13 +16,27 @@ from ph_post.errors import InputError
 from ph_post.files.check import counted
 from ph_post.identify.noise import noise_of_differences
 from ph_post.types import Array, AxisLog, BoolArray, Log
-from ph_post.units import MICROMETRE, MS
+from ph_post.units import MICROMETRE, MM, MS
 
 AHEAD: Final = 2.0 * MS
 """Lead of a reading over its command that no feed-forward makes [s]."""
 
 ROUGHER: Final = 3.0
 """Times as rough as its reading that a column is no command."""
+
+SLIGHTLY: Final = 0.3 * MS
+"""Lead from which on a column is none where it is rougher by far: fed forward, a reading follows this closely [s]."""
+
+BY_FAR: Final = 20.0
+"""Times as rough as its reading: what a command computes has no noise."""
+
+SMALL: Final = 0.2 * MM
+"""Travel of a log below which its positions may be in metres, and were taken for mm."""
+
+NANOMETRE: Final = 1e-3 * MICROMETRE
+
+FINEST: Final = 5.0 * NANOMETRE
+"""Noise from sample to sample that no encoder of a machine tool is below; a position in metres is, taken for mm."""
 
 COPIED: Final = 3
 """Samples by which a copy may be late, less one: a loop without a drive returns its command so."""
@@ -66,6 +80,7 @@ def require_order(log: Log, header: str) -> tuple[str, ...]:
             continue
         column = f"{name}_act" if axis.table is not None else f"{name}_motor"
         said += _copies(name, axis)
+        said += _small(name, column, axis.command, reading)
         said += _lead(name, column, axis.command, reading, log.period, header)
         _effort(name, axis, reading, log.period, header)
         said += _pushes(name, axis, log.period)
@@ -94,6 +109,16 @@ def _copies(name: str, axis: AxisLog) -> Iterator[str]:
                 break
 
 
+def _small(name: str, column: str, command: Array, reading: Array) -> Iterator[str]:
+    """Yield that an axis moves so little, and is read so finely, that its numbers may be metres."""
+    travel, fine = float(np.ptp(command)), noise_of_differences(reading)
+    if travel < SMALL and fine is not None and fine < FINEST:
+        yield (
+            f"{name}_cmd moves by {travel / MM:.3g} mm in all, and {column} is read to {fine / NANOMETRE:.2g} nm: are"
+            f" these numbers metres? --column {name}_cmd={name}_cmd:m --column {column}={column}:m"
+        )
+
+
 def _lead(name: str, column: str, command: Array, reading: Array, period: float, header: str) -> Iterator[str]:
     """Refuse a command that follows its reading, or yield that it does."""
     known = np.isfinite(reading)
@@ -101,10 +126,11 @@ def _lead(name: str, column: str, command: Array, reading: Array, period: float,
     apart = (reading - command)[known]
     v = speed[known] - np.mean(speed[known])
     ahead = float(v @ (apart - np.mean(apart))) / max(float(v @ v), 1e-300)
-    if ahead < max(AHEAD, period):
-        return
     rough, fine = (noise_of_differences(one) or 0.0 for one in (command, reading))
-    if rough > ROUGHER * max(fine, 1e-12):
+    rougher = rough / max(fine, 1e-12)
+    if ahead < max(AHEAD, period) and (ahead < SLIGHTLY or rougher < BY_FAR):
+        return
+    if rougher > ROUGHER:
         raise InputError(
             header,
             f"{column} runs {ahead / MS:.2g} ms ahead of {name}_cmd, which is rougher: the two are swapped",

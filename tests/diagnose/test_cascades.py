@@ -18,7 +18,7 @@ from ph_post.identify.log_quality import examine
 from ph_post.simulate.machine import AxisCommand, run_plant
 from ph_post.types import AxisLog, Gap, Log, Machine
 from ph_post.types.diagnosis import Diagnosis
-from tests.support.cascade_plant import DRIVES, PERIOD, Drive, motor_of, to_and_fro, two_bodies
+from tests.support.cascade_plant import DRIVES, PERIOD, Drive, motor_of, play, to_and_fro, two_bodies
 from tests.support.cascade_records import NOISE, log_of, machine_of, moves, record
 from tests.support.plants.axis import Hidden
 from tests.support.plants.axis import Plant as PlantOfTests
@@ -74,6 +74,35 @@ def test_a_file_of_another_structure_is_said_and_nothing_is_made_of_it_but_what_
     found = diagnose(record(Drive(), gap=2e-5, ways=SHORT), single)
     assert named(found) == {"backlash": pytest.approx(0.020, rel=0.01)}
     assert not any("single loop" in one for one in found.notes)
+
+
+@pytest.mark.parametrize("gain", [8.0, 900.0])
+def test_a_servo_far_from_the_file_is_named_with_what_it_hides(gain: float) -> None:
+    """In one search beside the servo that the log shows, and not in one of every name beside the file's."""
+    log = record(KNOWN, gap=2e-5, coulomb=0.05)
+    found = diagnose(log, machine_of(dataclasses.replace(KNOWN, kv=gain, wv=max(KNOWN.wv, 5.0 * gain))))
+    servo = next(one for one in found.findings if one.name == "servo_mismatch")
+    values = {name: one.value for name, one in servo.parameters.items()}
+    assert values["position_gain"] == pytest.approx(KNOWN.kv, rel=0.02)
+    assert values["velocity_gain"] == pytest.approx(KNOWN.wv, rel=0.03)
+    others = {name: size for name, size in named(found).items() if name != "servo_mismatch"}
+    friction = 1e3 * 0.05 / (KNOWN.kv * KNOWN.wv)
+    assert others == {"backlash": pytest.approx(0.020, rel=0.01), "coulomb_friction": pytest.approx(friction, rel=0.05)}
+    assert found.steps[-1].holdout_rms < 1.5 * NOISE
+    assert f"K_v is about 40 1/s by the log, {gain:g} by the file" in found.notes[0]
+
+
+def test_where_noise_alone_is_not_left_beside_another_servo_nothing_is_named_but_the_gap_of_both_sides() -> None:
+    """The motor shakes at 31 Hz and takes the table along, which no name explains."""
+    command = moves()
+    t = PERIOD * np.arange(command.size)
+    motor = motor_of(KNOWN, command, 0.0, fine=40)
+    motor = motor + 4e-6 * np.sin(2.0 * np.pi * 31.0 * t) * (1.0 + np.sin(3.0 * t))
+    shaken = log_of(command, {"motor": motor, "act": play(motor, 2e-5)}, 1)
+    found = diagnose(shaken, machine_of(dataclasses.replace(KNOWN, kv=900.0, wv=4500.0)))
+    assert named(found) == {"backlash": pytest.approx(0.020, rel=0.02)}
+    assert "K_v is about 4" in found.notes[0]
+    assert "run ph-post identify on this log without a file first" in found.notes[0]
 
 
 OTHERS: list[tuple[Callable[[], Log], dict[str, float]]] = [

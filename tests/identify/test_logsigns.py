@@ -51,6 +51,34 @@ def test_a_log_in_order_is_read_without_a_word(tmp_path: Path) -> None:
     assert read(tmp_path, without("motor", "force")) == ()
 
 
+def test_metres_that_were_taken_for_mm(tmp_path: Path) -> None:
+    found = {name: values if name == "t" else 1e-3 * values for name, values in without("motor", "force").items()}
+    rows = np.column_stack(list(found.values()))
+    np.savetxt(tmp_path / "run.csv", rows, fmt="%.10f", delimiter=",", header=",".join(found), comments="")
+    said = read_log(tmp_path / "run.csv").warnings
+    travel = np.ptp(motion(T, 2.0))
+    assert said[0].startswith(f"X_cmd moves by {1e-3 * travel:.3g} mm in all, and X_act is read to 0.2 nm: are these ")
+    assert said[0].endswith("--column X_cmd=X_cmd:m --column X_act=X_act:m")
+    assert len(said) == 2
+    columns = [f"{axis}_{what}={axis}_{what}:m" for axis in "XY" for what in ("cmd", "act")]
+    assert read_log(tmp_path / "run.csv", columns=columns).warnings == ()
+
+
+@pytest.mark.parametrize("lag", [2e-4, 8e-4])
+def test_swapped_columns_of_a_drive_that_is_fed_forward(tmp_path: Path, lag: float) -> None:
+    """It follows so closely that the lead alone is no sign; a command that is rougher by far than its reading is."""
+    rng = np.random.default_rng(4)
+    read_at = motion(T - lag, 2.0) + 3e-4 * rng.standard_normal(T.size)
+    found = {"t": T, "X_cmd": motion(T, 2.0), "X_act": read_at}
+    assert read(tmp_path, found) == ()
+    wrong = swapped(found, "X_cmd", "X_act")
+    if lag < 3e-4:  # within what command and reading may be apart in time
+        assert read(tmp_path, wrong) == ()
+        return
+    with pytest.raises(InputError, match="the two are swapped; expected --column X_cmd=X_act"):
+        read(tmp_path, wrong)
+
+
 def test_a_command_and_its_reading_swapped(tmp_path: Path) -> None:
     wrong = swapped(without("motor", "force"), "X_cmd", "X_act")
     words = r"X_act runs 6.5 ms ahead of X_cmd, which is rougher: the two are swapped; expected --column X_cmd=X_act"

@@ -33,6 +33,9 @@ MOST_GAP: Final = 5e-3
 FARTHEST: Final = math.log(8.0)
 """Most error of b and c, as a logarithm."""
 
+FARTHEST_GAIN: Final = math.log(50.0)
+"""The same of a gain that a log was fitted by beforehand."""
+
 
 LIMITS: Final = (*np.linspace(0.995, 0.8, 20), *np.linspace(0.77, 0.5, 10))
 """Torque limits that are tried, in parts of the largest torque that is asked for."""
@@ -203,6 +206,28 @@ def _cascade_mismatch(
         replaces=fields,
         excludes=("viscous_friction", "servo_mismatch"),
     )
+
+
+def far_servo(problem: AxisProblem) -> Hypothesis:
+    """Return the hypothesis that the gains of a cascade are far from the file's."""
+    cascade = problem.plant.cascade
+    assert cascade is not None
+    found = _cascade_mismatch(cascade, _gains(problem))
+    wider = tuple(
+        one if one.name in ADDED else replace(one, low=-FARTHEST_GAIN, high=FARTHEST_GAIN) for one in found.numbers
+    )
+    return replace(found, numbers=wider)
+
+
+def numbers_to(problem: AxisProblem, plant: Plant) -> Numbers:
+    """Return the numbers by which :func:`far_servo` makes the servo of an axis that of another plant."""
+    made = []
+    for name in _gains(problem):
+        field = CASCADE_NUMBERS[name].field
+        there, here = base_value(plant, field), base_value(problem.plant, field)
+        summed = field in ADDED and (field != INTEGRAL or not here)
+        made.append(there - here if summed else math.log(max(there, 1e-9) / here))
+    return tuple(made)
 
 
 INTEGRAL: Final = "integral_rate"
