@@ -15,7 +15,7 @@ from ph_post.diagnose.fit import FittedModel, ModelPart, covariance, fit_model, 
 from ph_post.diagnose.hypotheses import OF_THE_AXIS
 from ph_post.diagnose.hypotheses.drives import BACKLASH
 from ph_post.diagnose.search import with_noise
-from ph_post.diagnose.selection import ModelChoice, instead, without
+from ph_post.diagnose.selection import ModelChoice, instead, is_short, rows_to_tell, without
 from ph_post.diagnose.sides import HELD, SidesGap, gap_between
 from ph_post.drive.axes import backlash_varies
 from ph_post.drive.effects.base import Effect, Parameter
@@ -310,7 +310,11 @@ def findings_of(
                 axis=problem.axis.name,
                 parameters=_estimates(outcome, found),
                 where=where.get(label, ""),
-                evidence=(*evidence.get(label, ()), *_other_kinds(problem, standing.kinds)),
+                evidence=(
+                    *evidence.get(label, ()),
+                    *_too_short(problem, found.part),
+                    *_other_kinds(problem, standing.kinds),
+                ),
                 confidence=min(standing.confidence, 0.999),
                 ambiguous_with=standing.rivals,
                 setting=_setting(outcome, found),
@@ -322,6 +326,16 @@ def findings_of(
         findings = [one for one in findings if one.name != "backlash"]
         findings.append(_sides_finding(problem, outcome.sides, keys))
     return tuple(findings)
+
+
+def _too_short(problem: AxisProblem, part: ModelPart) -> Iterator[str]:
+    """Yield that a delay or a filter is too short for the rows of a log to tell which it is, and how many would."""
+    if is_short(problem, part):
+        rows, needed = round(1.0 / problem.period), float(f"{1.1 * rows_to_tell(part):.2g}")
+        yield (
+            f"{rows:,} rows a second do not tell a filter and a delay apart that are so short, whatever the drive does"
+            f" between them: {needed:,.0f} would"
+        )
 
 
 def _other_kinds(problem: AxisProblem, kinds: Sequence[ModelPart]) -> Iterator[str]:

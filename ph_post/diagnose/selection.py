@@ -386,18 +386,26 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
     )
 
 
-def _is_short(problem: AxisProblem, part: ModelPart) -> bool:
-    """Return whether a delay or a filter is so short that it rests on what a command does between its rows.
+def _smear(part: ModelPart) -> float:
+    """Return the variance of the impulse response by which a filter differs from a delay [s²].
 
-    A filter differs from a delay by the variance of its impulse response: T² of an exponential one, T²/12 of a moving
-    average. A delay could be a moving average of twice its length, of whose variance, a third of the delay's square,
-    the loop's gains may take up half.
+    T² of an exponential one, T²/12 of a moving average. A delay could be a moving average of twice its length, of whose
+    variance, a third of the delay's square, the loop's gains may take up half.
     """
+    square = part.numbers[0] ** 2
+    return {"moving_average": square / 12.0, "exponential_filter": square}.get(part.hypothesis.variant, square / 6.0)
+
+
+def is_short(problem: AxisProblem, part: ModelPart) -> bool:
+    """Return whether a delay or a filter is so short that it rests on what a command does between its rows."""
     if part.hypothesis.name not in TIMING:
         return False
-    square = part.numbers[0] ** 2
-    smears = {"moving_average": square / 12.0, "exponential_filter": square}.get(part.hypothesis.variant, square / 6.0)
-    return smears <= (TOLD if problem.parts == 1 else TOLD_LAID) * (problem.period / problem.parts) ** 2
+    return _smear(part) <= (TOLD if problem.parts == 1 else TOLD_LAID) * (problem.period / problem.parts) ** 2
+
+
+def rows_to_tell(part: ModelPart) -> float:
+    """Return how many rows a second tell a delay and a filter apart that are as long as a part of a model [1/s]."""
+    return math.sqrt(TOLD / _smear(part))
 
 
 def _equals(
@@ -411,6 +419,6 @@ def _equals(
         for one in ranking
         if one.score > mine - margin and one.hypothesis.name != name and name not in one.hypothesis.within
     ]
-    if _is_short(problem, part):
+    if is_short(problem, part):
         found += [one.name for one in hypotheses(problem) if one.name in TIMING and one.name != name]
     return tuple(dict.fromkeys(found))

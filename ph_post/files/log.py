@@ -20,6 +20,9 @@ from ph_post.files.recorders import spread
 from ph_post.files.storage import SourceBytes, decoded, read_raw
 from ph_post.types import MACHINE_AXES, Array, AxisLog, Log, Machine, frozen, sealed
 
+TWICE: Final = 0.05
+"""Part of the rows that are those before them, from which on a file is refused for it."""
+
 FEWEST: Final = 200
 """Samples that a log must have at least."""
 
@@ -59,6 +62,7 @@ def read_log_file(
     require_axes(names, machine, sheet.header)
     _require_samples(sheet, sheet.rows)
     values = _values(found, sheet)
+    _require_single_rows(values, sheet)
     _require_samples(sheet, min(one.size for one in values.values()))
     timed = _timed(found, values, sheet, machine)
     samples = _Samples(sheet, clock_of(timed.t, sheet))
@@ -84,6 +88,23 @@ def read_log_file(
 def _require_samples(sheet: Sheet, count: int) -> None:
     if count < FEWEST:
         raise InputError(sheet.name, "too few samples", expected=f"at least {FEWEST}", got=str(count))
+
+
+def _require_single_rows(values: Mapping[str, Array], sheet: Sheet) -> None:
+    """Refuse rows that stand twice: a command would rest at every second sample."""
+    t = values.get(TIME)
+    if t is None:
+        return
+    again = np.diff(t) == 0.0
+    same = again.copy()
+    for one in values.values():
+        if one.size == t.size:
+            same &= (one[1:] == one[:-1]) | (np.isnan(one[1:]) & np.isnan(one[:-1]))
+    # Times that are rounded to the same digits have other positions.
+    if np.count_nonzero(again) > TWICE * t.size and np.array_equal(again, same):
+        row = int(np.argmax(again)) + 1
+        got = f"{np.count_nonzero(again)} of {t.size} rows like the one before, time and all"
+        raise InputError(sheet.where(row), "rows stand twice", expected="each sample once", got=got)
 
 
 def require_axes(names: Sequence[str], machine: Machine | None, where: str) -> None:

@@ -151,6 +151,18 @@ def test_the_other_kind_of_filter_is_said_where_it_explains_the_log_as_well(monk
     assert f"{other} in its place explains the log as well" in name.evidence
 
 
+def test_a_filter_too_short_for_the_rows_is_said_with_the_rows_that_would_tell() -> None:
+    """An average of 1 ms; one of 2.4 ms is told at 1,000 rows a second, a delay of half of it at 1.4 times that."""
+    found = diagnose(record(KNOWN, average=1, channels="motor", ways=SHORT), machine_of(KNOWN))
+    (name,) = found.findings
+    assert found.verdict == "ambiguous"
+    assert {name.name, *name.ambiguous_with} >= {"command_filter", "transport_delay"}
+    (said,) = (one for one in name.evidence if "rows a second" in one)
+    assert said.startswith("1,000 rows a second do not tell a filter and a delay apart")
+    needed = float(said.split(": ")[1].split()[0].replace(",", ""))
+    assert 0.9 * 2400.0 < needed < 1.3 * 1.4 * 2400.0
+
+
 @pytest.mark.parametrize("every", [4, 10])
 def test_what_a_force_shows_between_far_rows_counts_as_noise(every: int) -> None:
     """What is left of it by the true model is no more than that, and not a small part of it."""

@@ -8,6 +8,7 @@ import pytest
 from tests.support.cascade_records import moves
 from tests.support.plants.draw import draw_case
 from tests.support.plants.ranks import ALIKE, alike, tell_apart
+from tests.support.plants.score import SHORTEST_TOLD
 
 
 @pytest.mark.parametrize(
@@ -80,3 +81,4 @@ def test_short_filters_are_told_from_delays_by_what_is_taken_for_granted_between
         told, rel=0.01
     )
     assert filter_over_delay(2.4e-3, straight=True) > 2.0 * told[2.4]
+    assert filter_over_delay(SHORTEST_TOLD["moving_average"], straight=False) == pytest.approx(5.0, rel=0.02)

@@ -72,6 +72,9 @@ def test_an_answer_in_a_word(changed: dict[str, Any], word: str) -> None:
         ({"channels": "unknown"}, "alike"),
         ({"channels": "unknown", "effects": ["cogging"]}, "clear"),
         ({"truths": [TRUTH | {"ratio": 2.9}]}, "faint"),
+        ({"truths": [TRUTH | {"parameter": "moving_average", "value": 2e-3}]}, "alike"),
+        ({"truths": [TRUTH | {"parameter": "moving_average", "value": 2.1e-3}]}, "clear"),
+        ({"truths": [TRUTH | {"parameter": "exponential_filter", "value": 6e-4}]}, "clear"),
         ({"kind": "nothing", "truths": []}, "nothing"),
     ],
 )
