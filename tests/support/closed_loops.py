@@ -124,19 +124,16 @@ class Rows:
     def end(self) -> float:
         return PERIOD * (len(self.position) - 1) + 0.2
 
-    def _at(self, axis: int, t: float) -> tuple[float, float]:
-        column = self.position[:, axis]
-        k = math.floor(t / PERIOD + 1e-9)
-        if k < 0 or k > len(column) - 2:
-            return float(column[0 if k < 0 else -1]), 0.0
-        step = float(column[k + 1] - column[k])
-        return float(column[k]) + (t / PERIOD - k) * step, step / PERIOD
-
     def command(self, axis: int) -> Callable[[float], float]:
-        return lambda t: self._at(axis, t)[0]
+        column, times = self.position[:, axis], PERIOD * np.arange(len(self.position))
+        return lambda t: float(np.interp(t, times, column))
 
-    def motion(self, axis: int, t: float) -> tuple[float, float]:
-        return self._at(axis, t)[1], 0.0
+    def rows(self, axis: int, times: Floats) -> tuple[Floats, Floats, Floats]:
+        """The command, its speed and its acceleration, which is not counted, at many times."""
+        column, at = self.position[:, axis], times / PERIOD + 1e-9
+        k = np.clip(np.floor(at).astype(int), 0, len(column) - 2)
+        step = np.where((at >= 0.0) & (at < len(column) - 1), column[k + 1] - column[k], 0.0)
+        return np.interp(times, PERIOD * np.arange(len(column)), column), step / PERIOD, np.zeros(len(times))
 
 
 def followed(plants: tuple[Plant, Plant], position: Floats) -> Floats:

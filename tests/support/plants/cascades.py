@@ -27,23 +27,19 @@ FINE = STEP / 2.0
 REST, SLIP, CROSS = "rest", "slip", "cross"
 
 
-def arrives(forces: Forces, end: float) -> tuple[list[float], list[float], list[float]]:
+def arrives(forces: Forces, end: float) -> tuple[Floats, Floats, Floats]:
     """The command as it reaches the loops, its speed and its acceleration, a row each FINE."""
     rows = _given(forces.track, forces.axis, forces.late, end)
     of = forces.plant.effect("command_filter")
     if of is not None:
         rows = [_averaged(_smoothed(row, of.get("exponential_filter")), of.get("moving_average")) for row in rows]
-    place, speed, bend = (row.tolist() for row in rows)
-    return place, speed, bend
+    return rows[0], rows[1], rows[2]
 
 
 @lru_cache(maxsize=4)
 def _given(track: Track, axis: int, late: float, end: float) -> list[Floats]:
     """The same before any filter; plants that differ in other things alone have it in common."""
-    times = (np.arange(math.ceil(end / FINE) + 3) * FINE - late).tolist()
-    at = track.command(axis)
-    speed, bend = np.array([track.motion(axis, one) for one in times]).T
-    return [np.array([at(one) for one in times]), speed, bend]
+    return list(track.rows(axis, np.arange(math.ceil(end / FINE) + 3) * FINE - late))
 
 
 def _averaged(row: Floats, length: float) -> Floats:
@@ -83,7 +79,10 @@ class CascadeBody:
         )
         self.own = plant.c - 1.0 / self.drive.kv
         self.rows = np.empty((len(grid), 4))
-        self.command = arrives(forces, float(grid[-1]))
+        place, speed, bend = arrives(forces, float(grid[-1]))
+        # What the loops make of the command alone: K_v X + k_f Ẋ [m/s], and the force that is fed forward.
+        self.wanted: list[float] = (self.drive.kv * place + self.drive.velocity * speed).tolist()
+        self.fed: list[float] = (self.drive.acceleration * plant.b * bend).tolist()
         self.events: list[tuple[float, str]] = []
         self.stuck, self.bothered = forces.held > 0.0, bool(forces.parts) or any(forces.drag)
         self.left = 0.0
@@ -97,12 +96,11 @@ class CascadeBody:
 
     def _asked(self, t: float, place: float, speed: float, total: float) -> tuple[float, float]:
         """What the velocity loop is off by [m/s], and the force that it asks for."""
-        i, drive, (places, speeds, bends) = int(t / FINE), self.drive, self.command
-        k = t / FINE - i
-        wanted = places[i] + k * (places[i + 1] - places[i])
-        rate, bend = speeds[i] + k * (speeds[i + 1] - speeds[i]), bends[i] + k * (bends[i + 1] - bends[i])
-        off = drive.kv * (wanted - place) + drive.velocity * rate - speed
-        asked = (off + total / drive.tn) / drive.kv + drive.acceleration * bend * self.plant.b
+        drive, wanted, fed, row = self.drive, self.wanted, self.fed, t / FINE
+        i = int(row)
+        k = row - i
+        off = wanted[i] + k * (wanted[i + 1] - wanted[i]) - drive.kv * place - speed
+        asked = (off + total / drive.tn) / drive.kv + fed[i] + k * (fed[i + 1] - fed[i])
         return off, self.forces.drive(asked)
 
     def _touching(self, x: float) -> float:

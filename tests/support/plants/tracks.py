@@ -6,24 +6,27 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Number = TypeVar("Number", float, Floats)
 
 
-def _ramp(u: float) -> float:
+def _ramp(u: Number) -> Number:
     """Speed while speeding up, u from 0 to 1: the smoothstep with two derivatives 0 at both ends."""
     return u * u * u * (10.0 + u * (6.0 * u - 15.0))
 
 
-def _ramped(u: float) -> float:
+def _ramped(u: Number) -> Number:
     """Way while speeding up, ½ at u = 1: the integral of the ramp."""
     return u * u * u * u * (2.5 + u * (u - 3.0))
 
 
-def _push(u: float) -> float:
+def _push(u: Number) -> Number:
     """Slope of the ramp."""
     return 30.0 * u * u * (1.0 - u) ** 2
 
@@ -63,6 +66,25 @@ class Stretch:
                 -self.rate / ramp * _push(u),
             )
         return self.rate * (tau - 0.5 * ramp), self.rate, 0.0
+
+    def rows(self, axis: int, tau: Floats) -> tuple[Floats, Floats, Floats]:
+        """Place, velocity and acceleration at many times tau (n,) [s]."""
+        ramp, left = self.ramp, self.duration - tau
+        way, rate, gain = np.zeros((3, len(tau)))
+        if self.rate:
+            ending = (tau >= ramp) & (left < ramp)
+            u = np.clip(np.where(ending, left, tau) / ramp, 0.0, 1.0)
+            way, rate, gain = self.rate * ramp * _ramped(u), self.rate * _ramp(u), self.rate / ramp * _push(u)
+            way, gain = np.where(ending, self.way - way, way), np.where(ending, -gain, gain)
+            steady = (tau >= ramp) & ~ending
+            way[steady], rate[steady], gain[steady] = self.rate * (tau[steady] - 0.5 * ramp), self.rate, 0.0
+        if self.direction is not None:
+            along = self.direction[axis]
+            return self.origin[axis] + along * way, along * rate, along * gain
+        turned = self.start + way
+        at, along = (np.sin(turned), np.cos(turned)) if axis else (np.cos(turned), -np.sin(turned))
+        bend = self.radius * (along * gain - at * rate * rate)
+        return self.origin[axis] + self.radius * at, self.radius * along * rate, bend
 
     def place(self, axis: int, tau: float) -> float:
         way = self.phase(tau)[0]
@@ -142,6 +164,14 @@ class Track:
         stretch, tau = self._locate(t)
         return stretch.motion(axis, tau)
 
+    def rows(self, axis: int, times: Floats) -> tuple[Floats, Floats, Floats]:
+        """The command of an axis, its velocity and its acceleration at many times that rise."""
+        found = np.empty((3, len(times)))
+        cuts = [0, *np.searchsorted(times, self.begins[1:]).tolist(), len(times)]
+        for stretch, begin, (low, high) in zip(self.stretches, self.begins, pairwise(cuts), strict=True):
+            found[:, low:high] = stretch.rows(axis, np.clip(times[low:high] - begin, 0.0, stretch.duration))
+        return found[0], found[1], found[2]
+
     def feed(self, t: float) -> float:
         """Speed along the path."""
         return math.hypot(self.motion(0, t)[0], self.motion(1, t)[0])
@@ -157,3 +187,7 @@ class Mirrored(Stretch):
     def motion(self, axis: int, tau: float) -> tuple[float, float]:
         velocity, acceleration = super().motion(axis, tau)
         return (-velocity, -acceleration) if axis else (velocity, acceleration)
+
+    def rows(self, axis: int, tau: Floats) -> tuple[Floats, Floats, Floats]:
+        place, velocity, acceleration = super().rows(axis, tau)
+        return (2.0 * self.origin[1] - place, -velocity, -acceleration) if axis else (place, velocity, acceleration)
