@@ -79,18 +79,21 @@ class HandMachine:
     cutter: float = 6.0
     climb: float = 0.0
 
-    def width(self, axis: str, place: float) -> float:
+    def width(self, axis: str, place: np.ndarray) -> np.ndarray:
         return self.play.get(axis, 0.0) + self.slope.get(axis, 0.0) * place
 
     def table(self, places: np.ndarray) -> np.ndarray:
         """Where the table is while it is commanded to places, (n, 3) [mm]."""
         behind = places.copy()
         for column, axis in enumerate("XYZ"):
-            at = places[0, column]
-            for row, command in enumerate(places[:, column].tolist()):
-                half = 0.5 * self.width(axis, command)
-                at = min(max(at, command - half), command + half)
-                behind[row, column] = at
+            commands, at, found = places[:, column], float(places[0, column]), []
+            half = 0.5 * self.width(axis, commands)
+            if not half.any():
+                continue
+            for low, high in zip((commands - half).tolist(), (commands + half).tolist(), strict=True):
+                at = min(max(at, low), high)
+                found.append(at)
+            behind[:, column] = found
         found = behind * (1.0 + np.array([self.scale.get(axis, 0.0) for axis in "XYZ"]))
         found[:, 0] += self.squareness * behind[:, 1]
         return found
