@@ -18,7 +18,8 @@ from ph_post.drive.axes import check_axes
 from ph_post.edit.edits import TOLERANCE
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
-from ph_post.gcode.program import RS274, PartProgram
+from ph_post.gcode.language import RS274
+from ph_post.gcode.program import PartProgram
 from ph_post.post.remarks import is_shifted
 from ph_post.progress import Progress, no_progress
 from ph_post.rehearse import rehearse as rehearsing

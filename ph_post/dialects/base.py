@@ -8,7 +8,7 @@ To add a dialect:
 4. :class:`Abilities`: which moves it can write and how finely, and what it does under inverse time.
 5. :class:`NumberFormat`: decimals of lengths, digits of feeds, signs and points. All that is written is a whole
    number of the last decimal.
-6. :class:`Language <ph_post.gcode.program.Language>`: how its programs are read. One that differs from
+6. :class:`Language <ph_post.gcode.language.Language>`: how its programs are read. One that differs from
    RS274/NGC in a few words says so there; one of another grammar brings its own reader.
 7. :class:`Notices`: what a user has to know, and what keeps the controller from compensating a second time.
 8. :class:`Recording`: the log that the controller itself can make of its axes.
@@ -28,8 +28,8 @@ from typing import Final
 import msgspec
 
 from ph_post.dialects.lines import LineWriter
+from ph_post.gcode.language import RS274, Language
 from ph_post.gcode.numbers import PARENTHESES, Comments, comment_lines, decimal_text, significant_text, to_counts
-from ph_post.gcode.program import RS274, Language
 from ph_post.types import Array, ControllerPlanner, IntArray, Machine, RoundedPath
 from ph_post.units import MM
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError
+from ph_post.gcode.language import RS274, Language
 from ph_post.gcode.numbers import PARENTHESES, Comments, comment_lines, decimal_text
-from ph_post.gcode.program import RS274, Language, PartProgram
+from ph_post.gcode.program import PartProgram
 from ph_post.types import BoolArray, IntArray
 from ph_post.units import INCH, MM, MS
 

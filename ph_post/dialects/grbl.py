@@ -26,7 +26,7 @@ from ph_post.dialects.base import (
 )
 from ph_post.dialects.printers import STILL
 from ph_post.gcode import codes
-from ph_post.gcode.program import Language
+from ph_post.gcode.language import Language
 from ph_post.types import ExactPath, GrblChords, GrblCorner, Machine
 from ph_post.units import MM, MM_PER_MIN, MS
 

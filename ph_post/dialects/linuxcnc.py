@@ -18,8 +18,9 @@ from ph_post.dialects.base import (
     metric_opening,
 )
 from ph_post.gcode import codes
+from ph_post.gcode.language import Language
 from ph_post.gcode.numbers import decimal_text, to_counts
-from ph_post.gcode.program import AXES, Language
+from ph_post.gcode.program import AXES
 from ph_post.geometry.bernstein import basis
 from ph_post.types import Array, Machine
 

@@ -26,8 +26,8 @@ from typing import Final
 from ph_post.dialects.base import Abilities, Dialect, DwellWords, Notices, NumberFormat, StreamLimit, Syntax
 from ph_post.dialects.printers import reader_of, why_bound
 from ph_post.gcode import codes
+from ph_post.gcode.language import Language
 from ph_post.gcode.numbers import SEMICOLON
-from ph_post.gcode.program import Language
 from ph_post.types import ExactPath, MarlinChords, MarlinCorner
 from ph_post.units import MM, MS
 

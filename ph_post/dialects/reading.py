@@ -23,7 +23,8 @@ from ph_post.dialects.declaration import declared_language
 from ph_post.dialects.registry import ENDINGS, SIGNATURES, find_dialect
 from ph_post.errors import InputError
 from ph_post.files.storage import STDIO, reading_errors
-from ph_post.gcode.program import RS274, Language, Motions, Note, PartProgram, PlaceArray, WordSource, WordTable
+from ph_post.gcode.language import RS274, Language
+from ph_post.gcode.program import Motions, Note, PartProgram, PlaceArray, WordSource, WordTable
 from ph_post.gcode.read import read_program, shortened
 from ph_post.gcode.words import excerpt
 from ph_post.types import Machine

@@ -19,9 +19,10 @@ from ph_post.edit.motion_edits import MotionEdit, MotionPart
 from ph_post.edit.preconditions import why_kept_whole
 from ph_post.edit.word_shifts import MotionOffsets, stop_label
 from ph_post.errors import InputError
+from ph_post.gcode.language import Spelling
 from ph_post.gcode.motion_parts import part_length
 from ph_post.gcode.paths import without_feed
-from ph_post.gcode.program import AXES, RAPID, Modal, PartProgram, Spelling
+from ph_post.gcode.program import AXES, RAPID, Modal, PartProgram
 from ph_post.types import BoolArray, IntArray
 from ph_post.units import MINUTE, MM
 

@@ -27,9 +27,10 @@ from ph_post.dialects.declaration import (
 )
 from ph_post.edit.word_shifts import assemble, unshift_numbers
 from ph_post.errors import InputError
+from ph_post.gcode.language import Language
 from ph_post.gcode.lexer import split_lines
 from ph_post.gcode.numbers import PARENTHESES, Comments
-from ph_post.gcode.program import ByteArray, Language, PartProgram, PlaceArray, WordTable
+from ph_post.gcode.program import ByteArray, PartProgram, PlaceArray, WordTable
 from ph_post.gcode.read import reread
 from ph_post.gcode.words import read_words
 from ph_post.types import BoolArray, IntArray, sealed

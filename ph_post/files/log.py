@@ -15,7 +15,8 @@ import numpy as np
 from ph_post.errors import InputError
 from ph_post.files.check import one_of, quoted
 from ph_post.files.logcolumns import TIME, Clock, Column, clock_of, columns_of, parse_columns
-from ph_post.files.logsheet import Sheet, stored_ending, stored_sheet, text_sheet
+from ph_post.files.logsheet import Sheet, stored_ending, stored_sheet
+from ph_post.files.logtext import text_sheet
 from ph_post.files.recorders import spread
 from ph_post.files.storage import SourceBytes, decoded, read_raw
 from ph_post.types import MACHINE_AXES, Array, AxisLog, Log, Machine, frozen, sealed

@@ -13,7 +13,8 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.files.check import checked, counted, one_of, parse_toml, place
-from ph_post.files.logsheet import Sheet, text_sheet
+from ph_post.files.logsheet import Sheet
+from ph_post.files.logtext import text_sheet
 from ph_post.files.storage import decoded, read_raw, read_source
 from ph_post.types import Array, AxisName
 from ph_post.types.readings import CUTS, STEPS, BallBarTrace, CutWidths, DialRow, Readings

@@ -1,181 +1,24 @@
 """The record of a part program: every byte, its words, modal states, motions, breaks and notes.
 
-Everything is columnar, as programs of a million blocks are common: a row a word, a row a motion. `Language`
-says in which respects a controller's language differs from RS274/NGC, or names its own reader.
+Everything is columnar, as programs of a million blocks are common: a row a word, a row a motion.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
-from typing import Any, Final, Literal, Protocol
+from typing import Final, Literal
 
 import msgspec
 import numpy as np
-from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from ph_post.bounds import give_memory_back
 from ph_post.gcode import codes
+from ph_post.gcode.language import RS274, Language
 from ph_post.types import Array, BoolArray, IntArray, sealed
 
 _BEGINS: Final = re.compile(rb"^[ \t\xef\xbb\xbf]*(?:\d+\s+)?BEGIN\s+PGM\b", re.IGNORECASE | re.MULTILINE)
-
-
-class Spelling(Protocol):
-    """Writes blocks of a language whose motions are no RS274 words."""
-
-    def lines(self, mode: str, words: Sequence[str]) -> list[str]:
-        """Return the blocks of a motion, from its mode (G0 to G3) and its words in RS274."""
-
-    def first(self, line: str, mode: str, words: Sequence[str], later: Sequence[float]) -> list[str]:
-        """Return a line with other words of its motion, and without the M words `later`."""
-
-    def centre(self, place: Sequence[str]) -> str:
-        """Return the block that sets the centre of the circles behind it."""
-
-    def ended(self, line: str, data: bytes, /) -> str:
-        """Return a new line as a program of these bytes ends its blocks."""
-
-
-class Language(msgspec.Struct, frozen=True, kw_only=True):
-    """A language that is read as RS274/NGC but for the fields below, or by its own reader.
-
-    Parameters
-    ----------
-    name : str
-        Dialect that a compensated program declares for its reader; empty where RS274/NGC's reads it.
-    hide : callable or None
-        ``hide(data)``: the same text, every line as long as it was, with blanks in the place of what has no
-        meaning for motion. What may move, and is not understood, becomes a line with a ``$`` and nothing behind
-        it: after it no position is known, and no mode but `fixed`; or with ``$@``: after it the modes are what
-        they were. It works line by line, on any part of a program.
-    dwell : tuple of (str, float)
-        Letters of the time of a G4, each with its unit [s].
-    fixed : mapping of int to float
-        Modes at the beginning, and wherever no line says which, by column of a state (:mod:`ph_post.gcode.codes`).
-    feed_known : bool
-        Whether a cut needs an F before it; if not, it is one whose feed is not known.
-    bound : callable or None
-        ``bound(line)``: why the motion of a line cannot be divided, in words; empty where it can.
-    lengths : callable or None
-        ``lengths(words, data) -> words``: the words of a text with the numbers that the controller reads, where a
-        length without a decimal point counts in increments.
-    read : callable or None
-        ``read(data, name) -> program``: its own reader, every byte kept, for a language of another grammar.
-    parentheses : bool
-        Whether parentheses enclose comments.
-    whole : callable or None
-        ``whole(line, start, end) -> (start, end)``: where a word begins and ends of which the word table has the
-        number alone, as ``(10`` of ``I=AC(10)``; None where it has all of every word.
-    lone_modes : frozenset of str
-        Words of motion modes that may stand alone on a line.
-    path_words : mapping of str to str
-        Words of path modes that are others than RS274/NGC's, by those.
-    spelling : Spelling or None
-        How its blocks are written where they are no RS274 words.
-    stays : callable or None
-        ``stays(data)``: why no line of a program can be changed, in words; empty where some can.
-    modal : bool
-        Whether the motion mode lasts, so that a line may move without a word of it.
-    after_motion : tuple of float
-        M words that are executed behind the motion of their line.
-    closing : pattern or None
-        Of a last line, behind which nothing may stand.
-    turns : callable
-        ``turns(number) -> text``: the word of an arc of so many turns.
-    further : str
-        Letters of axes of their own beside X, Y and Z, which begin and end their moves together with them: A, B and
-        C turn, U, V and W are linear.
-    shortest : bool
-        Whether an axis that turns may go to its place (G90) by the shorter way round.
-    contours : bool
-        Whether motions with cutter compensation are read as contours, and not passed through: see :meth:`contoured`.
-    effects : mapping of int to int
-        Effects of M words, by number, that are others than :data:`~ph_post.gcode.codes.M_EFFECT` has.
-    diameters : bool
-        Whether the numbers of X words are diameters, twice the places of the axis, as on lathes.
-    head : tuple of str
-        Notes in the head of a compensated program, by which it is read as its original was.
-    """
-
-    name: str = ""
-    hide: Callable[[bytes], bytes] | None = None
-    dwell: tuple[tuple[str, float], ...] = (("P", 1.0),)
-    fixed: Mapping[int, float] = {}
-    feed_known: bool = True
-    bound: Callable[[bytes], str] | None = None
-    lengths: Callable[[WordTable, bytes], WordTable] | None = None
-    read: Callable[[bytes, str], PartProgram] | None = None
-    parentheses: bool = True
-    whole: Callable[[str, int, int], tuple[int, int]] | None = None
-    lone_modes: frozenset[str] = frozenset(("G0",))
-    path_words: Mapping[str, str] = {}
-    spelling: Spelling | None = None
-    stays: Callable[[bytes], str] | None = None
-    modal: bool = True
-    after_motion: tuple[float, ...] = (0.0, 1.0, 2.0, 30.0, 60.0)
-    closing: re.Pattern[bytes] | None = None
-    turns: Callable[[int], str] = "P{}".format
-    further: str = "ABCUVW"
-    shortest: bool = False
-    contours: bool = False
-    effects: Mapping[int, int] = {}
-    diameters: bool = False
-    head: tuple[str, ...] = ()
-
-    @property
-    def factors(self) -> IntArray:
-        """How often the place of X, Y and Z is what their words say, shape (3,)."""
-        return np.array([2 if self.diameters else 1, 1, 1], dtype=np.int64)
-
-    def contoured(self) -> Language:
-        """Return the same language, in which what is cut with cutter compensation moves as its contours say."""
-        read: Any = self.read
-        return self if self.contours else replace(self, contours=True, read=read and partial(read, contours=True))
-
-    @property
-    def places_centres(self) -> bool:
-        """Return whether the centres of arcs are places, whatever a line says."""
-        return self.fixed.get(codes.ARC_ABSOLUTE) == 1.0
-
-    def placing_centres(self) -> Language:
-        """Return the language in which the centres of arcs are places, as under G90.1."""
-        return replace(self, fixed={**self.fixed, codes.ARC_ABSOLUTE: 1.0})
-
-    def hidden(self, data: bytes) -> bytes:
-        """Return a program's text as the reader of RS274/NGC is to have it."""
-        return data if self.hide is None else self.hide(data)
-
-    def m_effect(self) -> NDArray[np.int8]:
-        """Return the effects of M words by number, shape (1000,)."""
-        found = codes.M_EFFECT.copy()
-        found[list(self.effects)] = list(self.effects.values())
-        return found
-
-    def start(self) -> Array:
-        """Return the state that no line changes, shape (STATE,), NaN where lines do, with the state of F at first."""
-        state = np.full(codes.STATE, np.nan)
-        for column, value in self.fixed.items():
-            state[column] = value
-        state[codes.FEED_KNOWN] = 0.0 if self.feed_known else 2.0
-        return state
-
-    def dwells(self, letter: NDArray[np.uint8], value: Array) -> tuple[IntArray, Array]:
-        """Return the rows of words with the time of a G4, if a G4 stands beside them, and the times [s]."""
-        units = np.full(256, np.nan)
-        for name, unit in self.dwell:
-            units[ord(name)] = unit
-        rows = np.flatnonzero(np.isfinite(units)[letter])
-        seconds = value[rows] * units[letter[rows]]
-        plain = np.isfinite(seconds)
-        return rows[plain], seconds[plain]
-
-
-RS274 = Language()
-"""RS274/NGC itself."""
-
 
 RAPID, LINE, ARC, CUBIC, NURBS = range(5)
 """Kind of a motion: G0; G1; G2 and G3; G5 and G5.1 (raised to a cubic); G5.2 to G5.3."""

@@ -13,16 +13,15 @@ import numpy as np
 from ph_post.errors import InputError
 from ph_post.gcode import codes, splinewords
 from ph_post.gcode.arcs import RADII_DIFFER, RADIUS_TOO_SMALL, solve_arcs
+from ph_post.gcode.language import RS274, Language
 from ph_post.gcode.modes import resolve_modes
 from ph_post.gcode.motions import choose_tasks, find_anchors, trace_motions
 from ph_post.gcode.program import (
     CUBIC,
     NURBS,
-    RS274,
     Break,
     BreakKind,
     ByteArray,
-    Language,
     Motions,
     Note,
     NurbsData,

@@ -7,7 +7,7 @@ import pytest
 from scipy.io import loadmat, savemat
 
 from ph_post.errors import InputError
-from ph_post.files.logsheet import mat_variables
+from ph_post.files.matlab import mat_variables
 from ph_post.identify.logprogram import read_log
 
 VALUES = {

@@ -45,8 +45,8 @@ from ph_post.dialects.fanuc.reader import FURTHER, read_fanuc
 from ph_post.dialects.lines import LineWriter
 from ph_post.errors import InputError
 from ph_post.gcode.blocks import Moves
+from ph_post.gcode.language import Language
 from ph_post.gcode.numbers import Comments
-from ph_post.gcode.program import Language
 from ph_post.types import Array
 from ph_post.units import MS
 

@@ -39,7 +39,8 @@ from ph_post.dialects.reading import (
 from ph_post.expand.macro import COUNTED, SMALL, is_doubtful
 from ph_post.expand.turning import has_feeds_per_turn, has_increments_by_words, is_turned, shapes_of
 from ph_post.gcode.codes import ABSOLUTE, EXPRESSION, FEED_MODE, PLANE, QUIET
-from ph_post.gcode.program import AXES, NURBS, Language, Note, NurbsData, PartProgram, PlaceArray, WordSource, WordTable
+from ph_post.gcode.language import Language
+from ph_post.gcode.program import AXES, NURBS, Note, NurbsData, PartProgram, PlaceArray, WordSource, WordTable
 from ph_post.gcode.words import lines_of, read_words
 from ph_post.geometry.exact_polynomials import floats
 from ph_post.geometry.nurbs import bezier_spans
@@ -304,7 +305,7 @@ def read_fanuc(
     decimals : int
         Decimals of a mm in increments.
     contours : bool
-        See :meth:`ph_post.gcode.program.Language.contoured`.
+        See :meth:`ph_post.gcode.language.Language.contoured`.
     lathe : bool
         Whether it is the program of a lathe, also where no word of it says so.
 

@@ -41,8 +41,8 @@ from ph_post.dialects.heidenhain.klartext import read_klartext
 from ph_post.dialects.heidenhain.table import KlartextSpelling
 from ph_post.dialects.lines import LineWriter
 from ph_post.gcode.blocks import Moves
+from ph_post.gcode.language import Language
 from ph_post.gcode.numbers import SEMICOLON, decimal_text, to_counts
-from ph_post.gcode.program import Language
 
 _DECIMALS: Final = 4
 _FEED_DECIMALS: Final = 3

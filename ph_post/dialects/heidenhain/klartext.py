@@ -85,7 +85,7 @@ _MOVES: Final = re.compile(r"L\s+I?[XYZ]")
 
 
 def read_klartext(data: bytes, name: str, *, contours: bool = False) -> PartProgram:
-    """Read a conversational program; `contours` as of :meth:`~ph_post.gcode.program.Language.contoured`.
+    """Read a conversational program; `contours` as of :meth:`~ph_post.gcode.language.Language.contoured`.
 
     Raises
     ------

@@ -37,9 +37,9 @@ from ph_post.dialects.lines import LineWriter
 from ph_post.dialects.siemens.reader import read_siemens
 from ph_post.dialects.siemens.table import whole_word
 from ph_post.gcode.blocks import Feed, Moves
+from ph_post.gcode.language import Language
 from ph_post.gcode.numbers import SEMICOLON, decimal_text, significant_text, to_counts
 from ph_post.gcode.polynomials import DENOMINATOR_DECIMALS
-from ph_post.gcode.program import Language
 from ph_post.types import IntArray
 from ph_post.units import MM_PER_MIN
 

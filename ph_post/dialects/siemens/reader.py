@@ -502,7 +502,7 @@ def read_siemens(data: bytes, name: str, *, contours: bool = False) -> PartProgr
     data, name
         As for :func:`ph_post.gcode.read.read_program`.
     contours : bool
-        See :meth:`ph_post.gcode.program.Language.contoured`.
+        See :meth:`ph_post.gcode.language.Language.contoured`.
 
     X is in diameters where DIAMON says so before the first one, but not where the centre of an arc is a place.
 
