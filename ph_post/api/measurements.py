@@ -19,9 +19,9 @@ from ph_post.files.storage import SourceText, write_atomically
 from ph_post.identify import identify as identifying
 from ph_post.identify.excerpt import excerpt
 from ph_post.identify.free_run import problem_of
-from ph_post.identify.identify import Transmission
 from ph_post.identify.log_quality import examine
 from ph_post.identify.machinefile import diagnosed_machine, identified_machine
+from ph_post.identify.starting_machine import Transmission
 from ph_post.progress import Progress, no_progress
 from ph_post.testprograms.gauges import gauge_kit
 from ph_post.testprograms.kit import WARM_UP, calibration_kit

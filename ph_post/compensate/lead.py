@@ -15,7 +15,8 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.drive.cascade import mean_delay, memory_of_inverse
+from ph_post.drive.cascade import memory_of_inverse
+from ph_post.drive.command_filters import mean_delay
 from ph_post.types import Array, Axis, Machine, Servo, frozen
 
 SHORTEST: Final = 8

@@ -1,4 +1,4 @@
-"""A cascade as one linear system: its command on the way to the loop, its response, and what commands a motion.
+"""A cascade as one linear system: its response, and what commands a motion.
 
 In units of the position error, F/K with K = J ω_v K_v, engaged and without friction, the axis is
 
@@ -13,25 +13,20 @@ References
 .. [1] doi:10.1007/s00170-021-08515-z, section 3.
 .. [2] H. Groß, J. Hamann, G. Wiegärtner: Elektrische Vorschubantriebe in der Automatisierungstechnik, Publicis 2006:
    the cascade, its gains and its feed-forward.
-.. [3] N. C. Singer, W. P. Seering: Preshaping command inputs to reduce system vibration, J. Dyn. Syst. Meas. Control
-   112 (1990): the zero-vibration shaper.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
+from ph_post.drive.command_filters import ComplexArray, arriving, filter_response, mean_delay, memory
 from ph_post.drive.linear_system import respond
-from ph_post.types import Array, Cascade, Servo, frozen
-
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
+from ph_post.types import Array, Cascade, Servo
 
 FADED: Final = 20.0
 """Time constants after which nothing is left of a transient that shows (e^-20)."""
@@ -41,144 +36,6 @@ BLIND: Final = 0.2
 
 DEAF: Final = 0.05
 """Least part of a frequency that a loop is taken to hear of its command."""
-
-
-def feeds_acceleration(cascade: Cascade) -> bool:
-    """Return whether the acceleration of the command is fed forward."""
-    return cascade.acceleration_feedforward != 0.0 or cascade.acceleration_lead != 0.0
-
-
-class Arriving(NamedTuple):
-    """What reaches a loop: the command (n,) [m], and its acceleration [m/s²], (0,) where that is not fed forward."""
-
-    position: Array
-    acceleration: Array
-
-
-def arriving(cascade: Cascade, command: Array, slope: float, period: float) -> Arriving:
-    """Return a command as it reaches the loop: late by the dead time, and filtered.
-
-    Parameters
-    ----------
-    cascade : Cascade
-    command : Array, shape (n,)
-        As it was sent, linear between samples [m].
-    slope : float
-        Its speed before the first sample [m/s].
-    period : float
-        [s].
-
-    Returns
-    -------
-    Arriving
-        Exact at the samples. The acceleration is the second difference around them.
-
-    Examples
-    --------
-    >>> late = Cascade(position_gain=50.0, velocity_gain=300.0, dead_time=1e-3)
-    >>> arriving(late, np.array([0.0, 0.0, 1.0, 2.0]), 0.0, 1e-3).position
-    array([0., 0., 0., 1.])
-    """
-    ramp = command[0] + slope * period * np.arange(command.size)
-    off = _late(command - ramp, cascade.dead_time / period)
-    off = _averaged(off, cascade.moving_average / period)
-    off = _smoothed(off, cascade.exponential / period)
-    if cascade.shaper_frequency:
-        weight, delay = _impulses(cascade)
-        off = weight * off + (1.0 - weight) * _late(off, delay / period)
-    position = ramp - slope * mean_delay(cascade) + off
-    if not feeds_acceleration(cascade):
-        return Arriving(position, np.zeros(0))
-    before, behind = position[0] - slope * period, 2.0 * position[-1] - position[-min(2, position.size)]
-    return Arriving(position, np.diff(np.concatenate([[before], position, [behind]]), 2) / period**2)
-
-
-def rates_of(place: Array, period: float) -> Array:
-    """Return the speeds of places, shape (n,), of fourth order; beside a kink of the speed from the side without one.
-
-    Examples
-    --------
-    >>> rates_of(np.array([0.0, 1.0, 2.0, 3.0, 3.0, 3.0, 3.0]), 1.0)
-    array([1., 1., 1., 1., 0., 0., 0.])
-    """
-    steps = np.diff(place) / period
-    if steps.size < 4:
-        return np.asarray(np.gradient(place, period))
-    bend = np.diff(steps)
-    found = np.gradient(place, period)
-    before, behind = steps[1:-2] + 0.5 * bend[:-2], steps[2:-1] - 0.5 * bend[2:]
-    kinked = np.abs(before - behind) > 0.5 * np.abs(bend[1:-1])
-    smooth = ~(kinked | np.append(kinked[1:], False) | np.append(False, kinked[:-1]))
-    found[2:-2] -= np.where(smooth, (bend[2:] - bend[:-2]) / 12.0, 0.0)
-    found[2:-2] = np.where(kinked, np.where(np.abs(bend[:-2]) < np.abs(bend[2:]), before, behind), found[2:-2])
-    return np.asarray(found)
-
-
-def _late(off: Array, samples: float) -> Array:
-    """Delay what was 0 before the first sample."""
-    if samples == 0.0:
-        return off
-    rows = np.arange(off.size, dtype=np.float64)
-    return np.interp(rows - samples, rows, off, left=0.0)
-
-
-def _averaged(off: Array, samples: float) -> Array:
-    """Average over the samples before, of what is linear in between and was 0 before the first."""
-    if samples == 0.0:
-        return off
-    whole = np.concatenate([[0.0], np.cumsum(0.5 * (off[1:] + off[:-1]))])
-    begin = np.arange(off.size) - samples
-    row = np.clip(np.floor(begin).astype(np.int64), 0, max(off.size - 2, 0))
-    part = begin - row
-    after = off[np.minimum(row + 1, off.size - 1)]
-    until = whole[row] + part * (off[row] + 0.5 * part * (after - off[row]))
-    return np.asarray((whole - np.where(begin > 0.0, until, 0.0)) / samples)
-
-
-def _smoothed(off: Array, samples: float) -> Array:
-    """Pass what is linear between samples, and was 0 before the first, through a lag of the first order."""
-    if samples == 0.0:
-        return off
-    from scipy.signal import lfilter
-
-    b, a = _lag(samples)
-    return np.asarray(lfilter(b, a, off))
-
-
-@lru_cache(maxsize=64)
-def _lag(samples: float) -> tuple[Array, Array]:
-    """Numerator and denominator of 1 / (1 + T s) for signals that are linear between samples."""
-    kept = math.exp(-1.0 / samples)
-    rest = -math.expm1(-1.0 / samples)
-    return frozen([1.0 - samples * rest, samples * rest - kept]), frozen([1.0, -kept])
-
-
-def _impulses(cascade: Cascade) -> tuple[float, float]:
-    """Return the first impulse of a zero-vibration shaper, and by how much the second one is later [s]."""
-    root = math.sqrt(1.0 - cascade.shaper_damping**2)
-    overshoot = math.exp(-math.pi * cascade.shaper_damping / root)
-    return 1.0 / (1.0 + overshoot), math.pi / (cascade.shaper_frequency * root)
-
-
-def mean_delay(cascade: Cascade) -> float:
-    """Time by which dead time and filters make a steady motion late [s].
-
-    Examples
-    --------
-    >>> mean_delay(Cascade(position_gain=50.0, velocity_gain=300.0, dead_time=1e-3, moving_average=8e-3))
-    0.005
-    """
-    late = cascade.dead_time + 0.5 * cascade.moving_average + cascade.exponential
-    if cascade.shaper_frequency:
-        weight, delay = _impulses(cascade)
-        late += (1.0 - weight) * delay
-    return late
-
-
-def memory(cascade: Cascade) -> float:
-    """Time that dead time and filters reach back [s]."""
-    shaper = _impulses(cascade)[1] if cascade.shaper_frequency else 0.0
-    return cascade.dead_time + cascade.moving_average + 5.0 * cascade.exponential + shaper
 
 
 def poles(servo: Servo) -> ComplexArray:
@@ -239,24 +96,6 @@ def response_time(servo: Servo) -> float:
     0.02
     """
     return servo.c if servo.cascade is None else servo.c + mean_delay(servo.cascade)
-
-
-def filter_response(cascade: Cascade, omega: Array) -> ComplexArray:
-    """Return what dead time and filters make of a harmonic command, complex, shape (n,); ω in rad/s.
-
-    Examples
-    --------
-    >>> one = Cascade(position_gain=50.0, velocity_gain=300.0, exponential=1e-2)
-    >>> complex(filter_response(one, np.array([100.0]))[0])
-    (0.5-0.5j)
-    """
-    s = 1j * np.asarray(omega, dtype=np.float64)
-    response = np.exp(-s * (cascade.dead_time + 0.5 * cascade.moving_average))
-    response = response * np.sinc(0.5 * cascade.moving_average * omega / np.pi) / (1.0 + cascade.exponential * s)
-    if cascade.shaper_frequency:
-        weight, delay = _impulses(cascade)
-        response = response * (weight + (1.0 - weight) * np.exp(-s * delay))
-    return np.asarray(response)
 
 
 class MovedBody(NamedTuple):

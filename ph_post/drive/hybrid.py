@@ -28,7 +28,7 @@ from ph_post.drive.automaton import (
     stay,
 )
 from ph_post.drive.automaton import fed as fed_row
-from ph_post.drive.cascade import rates_of
+from ph_post.drive.command_filters import rates_of
 from ph_post.drive.loops import drive_model
 from ph_post.drive.plant import Plant
 from ph_post.types import Array, IntArray, frozen

@@ -13,7 +13,8 @@ import numpy as np
 from msgspec.structs import replace
 from scipy import signal
 
-from ph_post.drive.cascade import arriving, loop_polynomials, time_constant, with_cascade
+from ph_post.drive.cascade import loop_polynomials, time_constant, with_cascade
+from ph_post.drive.command_filters import arriving
 from ph_post.identify.between import parts_between, refined
 from ph_post.types import Array, Axis, BoolArray, IntArray, Log, Machine, Servo
 

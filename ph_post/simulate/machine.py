@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from ph_post.compiling import read_only
 from ph_post.drive.automaton import STATES, Key, Zone
-from ph_post.drive.cascade import arriving
+from ph_post.drive.command_filters import arriving
 from ph_post.drive.effects.active import plant_of
 from ph_post.drive.hybrid import Automaton, build_automaton, given_by
 from ph_post.drive.plant import (

@@ -16,7 +16,7 @@ import numpy as np
 from msgspec.structs import astuple, replace
 
 from ph_post.drive.automaton import STATES
-from ph_post.drive.cascade import feeds_acceleration
+from ph_post.drive.command_filters import feeds_acceleration
 from ph_post.drive.hybrid import build_automaton
 from ph_post.drive.plant import TRUE_READING, Plant, force_on
 from ph_post.simulate import kernel

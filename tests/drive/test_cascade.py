@@ -10,7 +10,8 @@ from msgspec.structs import replace
 from support.cascade_plant import DRIVES, PERIOD, Drive, motor_of, two_bodies
 
 from ph_post.compensate.inverse import lead_of_crossing, lead_of_force, lead_of_motion, lead_when_steady
-from ph_post.drive.cascade import arriving, is_stable, loop_response, mean_delay, most_position_gain, way_of_motor
+from ph_post.drive.cascade import is_stable, loop_response, most_position_gain, way_of_motor
+from ph_post.drive.command_filters import arriving, mean_delay
 from ph_post.drive.intervals import backlash_interval
 from ph_post.types import Array, Axis, Cascade, Feedback, Gap, Limits, Servo
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ph_post.dialects.planners import planner_of
 from ph_post.simulate.controllers.chords import limits_along
-from ph_post.simulate.controllers.exact_path import corner_rule, corner_speeds
+from ph_post.simulate.controllers.corner_rules import corner_rule, corner_speeds
 from ph_post.simulate.controllers.legs import ACROSS
 from ph_post.simulate.controllers.moves import limit_table
 from ph_post.simulate.controllers.planner import KINK, QUARTER, REVERSAL
