@@ -397,11 +397,14 @@ class SpotSearch:
 
         The table waits, and is where it should be at the end of the window: on a straight line it is beside the path by
         the axis' way until then, as far as that is across the line. Where a beam `burns` what stands, that is better
-        than a stop, and the path comes out of the corner from rest.
+        than a stop, the path comes out of the corner from rest, and on so little of an arc it is nearly straight.
         """
         ground = self._ground
         found = np.zeros(may.size, dtype=np.bool_)
-        which = np.flatnonzero(may & ~calm & (ground.program.motions.kind[behind] == LINE) & ground.divisible[behind])
+        kind = ground.program.motions.kind[behind]
+        # A beam is on so little of an arc that it is straight there.
+        straight = (kind == LINE) | (burns & (kind == ARC))
+        which = np.flatnonzero(may & ~calm & straight & ground.divisible[behind])
         if not which.size:
             return spots, found
         feed, column = spots.feed[which], spots.column[which]

@@ -41,7 +41,7 @@ def machine() -> Machine:
 
 
 def contours(seed: int, feed: float) -> str:
-    """Closed contours of straight lines, long and short, sharp and dull, and a line there and back."""
+    """Closed contours of lines and arcs, long and short, sharp and dull, and a line there and back."""
     rng = np.random.default_rng(seed)
     lines = ["G21 G90", "M3 S0"]
     for n in range(3):
@@ -51,7 +51,11 @@ def contours(seed: int, feed: float) -> str:
         places = centre + rng.uniform(1.0, 12.0, count)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         places = np.vstack([places, places[0]]).round(3)
         lines += [f"G0 X{places[0, 0]} Y{places[0, 1]}"]
-        lines += ["G1 S800", *(f"G1 X{x} Y{y} F{feed:g}" for x, y in places[1:])]
+        lines += ["G1 S800"]
+        for one, (x, y) in pairwise(places):
+            bent, far = rng.random() < 0.3, math.dist(one, (x, y))
+            arc = f" R{far * rng.uniform(0.55, 3.0):.4f}" if bent and far > 0.5 else ""
+            lines += [f"G{rng.integers(2, 4) if arc else 1} X{x} Y{y}{arc} F{feed:g}"]
         lines += ["G1 S0"]
     x, y, far = *rng.uniform(0.0, 60.0, 2).round(3), rng.uniform(-9.0, 9.0, 2).round(3)
     lines += [f"G0 X{x} Y{y}", f"G1 X{x + far[0]:.3f} Y{y + far[1]:.3f} S800 F{feed:g}", f"G1 X{x} Y{y}"]
@@ -67,9 +71,12 @@ def burnt(text: str) -> tuple[list[Move], np.ndarray, np.ndarray]:
         found = re.search(r"S([\d.]+)", re.sub(r"\(.*", "", line))
         power = words[number] = float(found[1]) if found else power
     moves = [move for move in interpret(text, BEGINS[0]) if move.length > 0.0]
-    blocks = [grbl.block(move.start, move.end, 1e6 if move.mode == 0 else move.feed / 60.0, settings) for move in moves]
+    chords = [(move, *ends) for move in moves for ends in pairwise(move.at(np.linspace(0.0, 1.0, _chords(move) + 1)))]
+    blocks = [
+        grbl.block(start, end, 1e6 if move.mode == 0 else move.feed / 60.0, settings) for move, start, end in chords
+    ]
     speeds = [float(one) for one in grbl.entry_speeds(blocks, settings)]
-    for move, block, first, last in zip(moves, blocks, speeds, [*speeds[1:], 0.0], strict=True):
+    for (move, start, end), block, first, last in zip(chords, blocks, speeds, [*speeds[1:], 0.0], strict=True):
         way, push = float(block.length), float(block.acceleration)
         top = min(float(block.speed), math.sqrt((first**2 + last**2) / 2.0 + push * way))
         times = [(top - first) / push, (way - (2.0 * top**2 - first**2 - last**2) / 2.0 / push) / top]
@@ -79,12 +86,18 @@ def burnt(text: str) -> tuple[list[Move], np.ndarray, np.ndarray]:
         up, flat = np.minimum(t, times[0]), np.clip(t - times[0], 0.0, times[1])
         down = np.clip(t - times[0] - times[1], 0.0, None)
         s = first * up + push * up**2 / 2.0 + top * flat + top * down - push * down**2 / 2.0
-        motor.append(move.start + np.clip(s / way, 0.0, 1.0)[:, None] * (move.end - move.start))
+        motor.append(start + np.clip(s / way, 0.0, 1.0)[:, None] * (end - start))
         on = move.mode > 0 and words[move.line] > 0.0
         lasts.append(np.full(t.size, whole / t.size if on else 0.0))
-        if on:
+        if on and (not lit or lit[-1] is not move):
             lit.append(move)
     return lit, np.concatenate(motor), np.concatenate(lasts)
+
+
+def _chords(move: Move) -> int:
+    if move.mode < 2:
+        return 1
+    return grbl.grbl_chords(float(np.linalg.norm(move.start[:2] - np.array(move.center))), abs(move.sweep), "0.002")
 
 
 def near(place: np.ndarray, points: np.ndarray, lasts: np.ndarray) -> float:
@@ -95,7 +108,8 @@ def near(place: np.ndarray, points: np.ndarray, lasts: np.ndarray) -> float:
 def stopped(one: Move, other: Move) -> float:
     """How long a machine without backlash is within one backlash of a corner in which it stops [s]."""
     whole = 0.0
-    for way, feed in ((one.end - one.start, one.feed / 60.0), (other.end - other.start, other.feed / 60.0)):
+    ends = ((one.at(np.array([1.0 - 1e-4, 1.0])), one.feed), (other.at(np.array([0.0, 1e-4])), other.feed))
+    for way, feed in ((np.diff(places, axis=0)[0], rate / 60.0) for places, rate in ends):
         unit = np.abs(way) / np.linalg.norm(way)
         push = min(most / part for most, part in zip(PUSH, unit, strict=True) if part > 0.0)
         ramp = feed**2 / (2.0 * push)

@@ -174,8 +174,8 @@ def test_a_slow_curve_of_short_lines_is_crossed_beside_the_joint_where_the_axis_
     assert error(text, changed)[1] < error(text, text)[1] / 5.0
 
 
-BLUNT = "G1 X30 Y14 S800 F1500\nG3 X36.84 Y14 I3.42 J9.397\nG1 X40 Y40\nG1 X10 Y10\n"
-"""Y turns where a blunt corner, which is passed fast, leads into an arc: it would have to do so from a stop."""
+BLUNT = "G1 X30 Y14 S800 F1500\nG1 X40 Y10.4 S700\nG1 X40 Y40\nG1 X10 Y10\n"
+"""Y turns in a blunt corner, which is passed fast, and where the power changes: it would have to do so from a stop."""
 
 
 def test_one_cut_is_left_and_the_others_are_not() -> None:
