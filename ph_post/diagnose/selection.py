@@ -137,7 +137,7 @@ def _nearer_servo(problem: AxisProblem, base: FittedModel, progress: Progress) -
     off = position_rms(problem, base.left, problem.held)
     if problem.plant.cascade is None or off < MISSED * problem.noise_floor:
         return None
-    progress(f"axis {problem.axis.name}: looking for the servo, which is far from the file's")
+    progress(f"axis {problem.axis.name}: looking whether another servo is nearer")
     sides = gap_between(problem)
     rough = roughly_fitted(problem, problem.plant.gap if sides is None else sides.width, off)
     if rough is None:

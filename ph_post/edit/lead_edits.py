@@ -15,7 +15,7 @@ from ph_post.edit import block_words
 from ph_post.edit.changes import Change, ChangeWriter
 from ph_post.edit.preconditions import word_decimals
 from ph_post.edit.word_shifts import MotionOffsets
-from ph_post.gcode.program import AXES, RAPID, PartProgram
+from ph_post.gcode.program import AXES, CUBIC, RAPID, PartProgram
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MINUTE, MM
 
@@ -36,6 +36,9 @@ SAME: Final = 1e-9
 
 _PLAIN_WORDS: Final = frozenset("NXYZIJKRFG")
 _PLAIN_CODES: Final = (0.0, 1.0, 2.0, 3.0)
+_SPLINE_WORDS: Final = _PLAIN_WORDS | {"P", "Q"}
+_SPLINE_CODES: Final = (5.0, 5.1)
+"""Those of a cubic; in an arc P counts turns."""
 _COMMENT: Final = re.compile(r"\([^)]*\)|;.*")
 
 
@@ -102,6 +105,8 @@ def why_not_led(program: PartProgram, first: int, last: int) -> str:
         letters = {chr(int(words.letter[word])) for word in own}
         codes = [float(words.value[word]) for word in own if words.letter[word] == ord("G")]
         plain = letters <= _PLAIN_WORDS and all(code in _PLAIN_CODES for code in codes)
+        if block in moves and motions.kind[moves[block]] == CUBIC:
+            plain = letters <= _SPLINE_WORDS and all(code in _SPLINE_CODES for code in codes)
         if not plain or (block not in moves and letters - {"N", "F"}):
             return f"line {block + 1} is {'no move' if block not in moves else 'more than a move'}"
         if program.text(block).lstrip().startswith(b"/"):

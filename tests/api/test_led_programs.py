@@ -24,7 +24,7 @@ from ph_post.dialects.declaration import read_declaration
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import EditOptions
-from ph_post.edit.lead_edits import chord_ends
+from ph_post.edit.lead_edits import chord_ends, why_not_led
 from ph_post.edit.undo import undo
 from ph_post.gcode.read import read_program
 from ph_post.progress import no_progress
@@ -75,6 +75,25 @@ def test_the_lead_takes_the_lag_out_of_a_circle(led):
     # What is left is backlash, which the lead alone does not cross, and the steps of speed between chords.
     assert after.max() < 0.4 * plain.max()
     assert np.sqrt((after**2).mean()) < 0.12 * np.sqrt((plain**2).mean())
+
+
+def test_cubics_are_led_as_arcs_are_and_turns_are_left():
+    """The same circle of four G5, which leave it by 5.5 µm at most."""
+    k = 20.0 * 4.0 / 3.0 * (np.sqrt(2.0) - 1.0)
+    corners = [(20.0, 0.0), (0.0, 20.0), (-20.0, 0.0), (0.0, -20.0), (20.0, 0.0)]
+    lines = []
+    for (x, y), (u, v) in pairwise(corners):
+        handles = f"I{-k * y / 20:.6f} J{k * x / 20:.6f} P{k * v / 20:.6f} Q{-k * u / 20:.6f}"
+        lines.append(f"G5 {handles} X{u:g} Y{v:g} F1200")
+    text = CIRCLE.replace("G3 X20 Y0 I-20 J0 F1200", "\n".join(lines))
+    led = ph.compensate(read_program(text.encode(), "circle.ngc"), read_machine("mill"), **LED)
+    after = led.program().decode()
+    assert read_declaration(after.encode()).led == 1
+    assert not re.search(r"^G5", after, re.MULTILINE)
+    assert errors(after).max() < 0.4 * errors(CIRCLE).max() + 5.5e-6
+    assert ph.undo(read_program(after.encode(), "circle.ngc")) == text.encode()
+    twice = CIRCLE.replace("J0 F1200", "J0 P2 F1200")
+    assert why_not_led(read_program(twice.encode(), "circle.ngc"), 1, 1) == "line 5 is more than a move"
 
 
 def test_what_is_said_of_other_overrides_is_what_other_means_find(led):
