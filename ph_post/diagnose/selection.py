@@ -14,10 +14,10 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.fit import FittedModel, Model, ModelPart, base_model, fit_model, plant_at
+from ph_post.diagnose.fit import FittedModel, Model, ModelPart, base_model, fit_model, plant_at, residuals_of
 from ph_post.diagnose.hypotheses import hypotheses
 from ph_post.diagnose.hypotheses.base import Numbers
-from ph_post.diagnose.hypotheses.drives import BACKLASH, far_servo, numbers_to
+from ph_post.diagnose.hypotheses.drives import BACKLASH, FILTERS, far_servo, numbers_to
 from ph_post.diagnose.search import (
     BENT,
     PRICE,
@@ -147,7 +147,23 @@ def _nearer_servo(problem: AxisProblem, base: FittedModel, progress: Progress) -
         for name in ("position_gain", "velocity_gain")
     )
     left = position_rms(problem, residuals(problem, rough), problem.held)
-    return numbers_to(problem, rough) if far > FAR and left < NEARER * off else None
+    if far < FAR or left > NEARER * off or _left_by_filters(problem, base) < left:
+        return None
+    return numbers_to(problem, rough)
+
+
+def _left_by_filters(problem: AxisProblem, base: FittedModel) -> float:
+    """Return the least that a filter of the command beside the file's servo leaves of the positions [m].
+
+    A long one looks like a slow servo from afar.
+    """
+    least = math.inf
+    for one in FILTERS:
+        tried = [with_part(base.model, one, start) for start in one.starts(problem, base.left)]
+        lefts = [position_rms(problem, residuals_of(problem, model), problem.fit) for model in tried]
+        fitted = fit_model(problem, tried[int(np.argmin(lefts))], problem.fit, rounds=1)
+        least = min(least, position_rms(problem, fitted.left, problem.held))
+    return least
 
 
 def _from_nearer(problem: AxisProblem, base: FittedModel, numbers: Numbers, progress: Progress) -> ModelChoice:

@@ -92,6 +92,13 @@ def test_a_servo_far_from_the_file_is_named_with_what_it_hides(gain: float) -> N
     assert f"K_v is about 40 1/s by the log, {gain:g} by the file" in found.notes[0]
 
 
+@pytest.mark.slow
+def test_a_long_filter_is_not_taken_for_a_slow_servo() -> None:
+    """From afar it looks like one."""
+    found = diagnose(record(KNOWN, gap=2e-5, average=30), machine_of(KNOWN))
+    assert named(found) == {"command_filter": pytest.approx(30.0, rel=0.01), "backlash": pytest.approx(0.02, rel=0.01)}
+
+
 def test_where_noise_alone_is_not_left_beside_another_servo_nothing_is_named_but_the_gap_of_both_sides() -> None:
     """The motor shakes at 31 Hz and takes the table along, which no name explains."""
     command = moves()

@@ -151,3 +151,17 @@ def test_mean_delay_is_that_of_a_ramp() -> None:
     ramp = 0.1 * PERIOD * np.arange(400)
     late = arriving(cascade, np.concatenate([np.zeros(50), ramp]), 0.0, PERIOD).position[-1]
     assert (ramp[-1] - late) / 0.1 == pytest.approx(mean_delay(cascade), rel=1e-6)
+
+
+@pytest.mark.parametrize("late", [0.02, 0.3, 0.5, 1.0, 2.3])
+def test_a_step_of_force_is_led_before_a_dead_time_without_ringing(late: float) -> None:
+    """A part of a row shifts what is between two rows, and no row beside them: its mean is early by the dead time."""
+    period, size = 1e-3, 2e-5
+    force = np.where(np.arange(400) < 200, -size, size)
+    cascade = Cascade(position_gain=60.0, velocity_gain=300.0)
+    prompt = lead_of_force(axis_of(cascade), force, period)
+    early = lead_of_force(axis_of(replace(cascade, dead_time=late * period)), force, period)
+    assert np.sum(early - prompt) == pytest.approx(2.0 * size * late, rel=1e-3)
+    assert np.abs(np.diff(early, 3)).max() < 1.02 * np.abs(np.diff(prompt, 3)).max()
+    far = np.abs(np.arange(400) - 200) > 6
+    assert np.abs((early - prompt)[far]).max() < 1e-3 * size
