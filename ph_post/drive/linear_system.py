@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -44,8 +45,6 @@ def respond(given: Array, taken: Array, command: Array, period: float) -> Array:
 @lru_cache(maxsize=64)
 def _steps(given: tuple[float, ...], taken: tuple[float, ...], period: float) -> _Steps:
     """Go over to samples: the exponential of the system and of its command, in periods of time."""
-    from scipy.linalg import expm
-
     order = len(taken) - 1
     powers = period ** -np.arange(order, -1.0, -1.0)
     a = powers * taken
@@ -56,10 +55,29 @@ def _steps(given: tuple[float, ...], taken: tuple[float, ...], period: float) ->
     rates[np.arange(1, order), np.arange(order - 1)] = 1.0
     rates[0, order] = 1.0
     rates[order, order + 1] = 1.0
-    grown = expm(rates)[:order]
+    grown = _exponential(rates)[:order]
     after = grown[:, order + 1]
     kept, before, seen = grown[:, :order], grown[:, order] - after, b[1:] - b[0] * a[1:]
     return _Steps(frozen(kept), frozen(before), frozen(after), frozen(seen), float(b[0]))
+
+
+TERMS: Final = 16
+"""Terms of the series of an exponential, at half a unit: what follows is below a bit."""
+
+
+def _exponential(rates: Array) -> Array:
+    """Return exp(A) of a small matrix: a series of A/2^k, and D(2t) = D(t)² + 2 D(t) with D = exp - 1.
+
+    scipy's asks for several threads, which of so small a matrix only wait for each other: 8 ms in place of 0.1.
+    """
+    halvings = max(math.frexp(float(np.abs(rates).sum(axis=0).max()))[1] + 1, 0)
+    small, unit = rates / 2.0**halvings, np.eye(len(rates))
+    grown = small
+    for term in range(TERMS, 1, -1):
+        grown = small @ (unit + grown / term)
+    for _ in range(halvings):
+        grown = grown @ grown + 2.0 * grown
+    return unit + grown
 
 
 @compiled
