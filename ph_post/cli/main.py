@@ -126,6 +126,8 @@ def slicer_main() -> int:
 
 def _process(arguments: Sequence[str]) -> int:
     """Run the command line as all that a process does."""
+    # Before numpy loads: of matrices as small as ours, threads only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     atexit.register(gc.freeze)  # a process that ends has no use for a last look at them
     return main(arguments)

@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import math
+import os
 import subprocess
 import sys
 import time
@@ -450,3 +451,18 @@ def test_module_runs_like_the_script():
     assert importlib.util.find_spec("ph_post.__main__") is not None
     done = subprocess.run([sys.executable, "-m", "ph_post", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout.startswith("ph-post, version ")
+
+
+@pytest.mark.parametrize("threads", [None, "2"])
+def test_a_command_has_one_thread_for_its_matrices_where_nobody_says_otherwise(threads):
+    """The answer does not depend on how many processors there are, and none of them waits for another."""
+    code = (
+        "import os, sys; from ph_post.cli.main import console_main; console_main(); assert 'numpy' not in sys.modules"
+    )
+    code += "; print(os.environ['OPENBLAS_NUM_THREADS'])"
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    if threads is not None:
+        environment["OPENBLAS_NUM_THREADS"] = threads
+    command = [sys.executable, "-c", code, "--version"]
+    found = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert found.stdout.splitlines()[-1] == (threads or "1")
