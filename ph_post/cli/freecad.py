@@ -26,7 +26,7 @@ def command(installs: bool, folder: str | None, trace: str | None, machine: str 
     linuxcnc and marlin; for others name one. ISO programs of Heidenhain cannot be compensated.
     Arguments that FreeCAD's post-processor knows go to it, others to `ph-post convert`; the tooltip of the
     field lists them. Arcs stay arcs, and what FreeCAD sampled from a spline is written as a spline where the
-    controller plays G5. What goes wrong is told in FreeCAD in one line, and nothing is written then.
+    controller plays G5. FreeCAD shows what goes wrong in one line, and nothing is written then.
 
     FreeCAD 0.20 and later. The copy knows where this ph-post is; another is named by `--ph-post=FILE` in the
     arguments or by PH_POST in the environment.

@@ -26,7 +26,7 @@ Enter takes what stands in [ ]. Of several axes: one value for all, one each (0.
 
 
 _SCREEN: Final = 100
-"""Width of what is told, in characters."""
+"""Width of what is printed, in characters."""
 
 
 AskedAxes = Sequence[str] | None

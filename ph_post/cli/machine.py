@@ -74,8 +74,9 @@ def new(
     output.
 
     An option answers its question beforehand: one value for all axes, one each ("0.03 0.05 0.02"), or by name
-    ("X=0.03 Y=0.05 Z=0.02"); lengths in mm or as 0.002in. At a terminal a bad answer is told and asked again.
-    Elsewhere the questions that are left take a line each of standard input, an empty one for the default.
+    ("X=0.03 Y=0.05 Z=0.02"); lengths in mm or as 0.002in. At a terminal a question is asked again where its
+    answer is bad. Elsewhere the questions that are left take a line each of standard input, an empty one for
+    the default.
 
     \b
     Examples:

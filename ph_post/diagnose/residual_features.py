@@ -240,7 +240,7 @@ def follows(excess: Excess, columns: Array, constant: bool = True) -> float:
     Returns
     -------
     float
-        At most 1; nothing or less where they do not help to foretell the other half.
+        At most 1; nothing or less where they do not help to predict the other half.
     """
     gain = 0.0
     ones = np.ones((columns.shape[0], 1))

@@ -22,7 +22,7 @@ def effect_settings(tables: Sequence[dict[str, Any]], axis: Axis, file: str, key
     Raises
     ------
     InputError
-        Where a name is missing or unknown (the nearest known one is told), a parameter is unknown, missing,
+        Where a name is missing or unknown (the nearest known one is named), a parameter is unknown, missing,
         of the wrong type, out of bounds or at odds with another, an effect cannot be felt on this loop, or
         two contradict each other.
     """

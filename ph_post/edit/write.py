@@ -405,7 +405,7 @@ def declare(
         dialect=program.language.name,
         commands=dialect.notices.guard if machine.own_correction is not None else (),
         closing=dialect.notices.closing(machine.own_correction) if machine.own_correction is not None else "",
-        # Only firmware that can be told so in a program is told it in the head as well.
+        # Only firmware that a program can tell so is told it in the head as well.
         notes=(
             UNTURNED,
             *turning,

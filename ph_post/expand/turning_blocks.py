@@ -46,7 +46,7 @@ class SingleCycle(msgspec.Struct, kw_only=True):
 
 
 class TurningBlocks(FanucBlocks):
-    """Follows the blocks of a lathe's program; X is told in diameters. Else as :class:`FanucBlocks`."""
+    """Follows the blocks of a lathe's program; X is given in diameters. Else as :class:`FanucBlocks`."""
 
     def __init__(self, numbers: FanucNumbers, standing: Mapping[tuple[str, int], str]) -> None:
         super().__init__(numbers, standing)

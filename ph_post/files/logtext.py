@@ -95,7 +95,7 @@ _SCOPE_TIME: Final = "time"
 """Name that its times are given."""
 
 _SCOPE_UNITS: Final = ("m", "um", "µm", "inch", "in")
-"""Units of lengths that are told beside the name of a channel; millimetres are what is taken without."""
+"""Units of lengths that stand beside the name of a channel; millimetres are what is taken without."""
 
 _SCOPE_STEPS: Final = 1e3
 """Times of groups are compared in steps of 1 ms over this."""
