@@ -26,7 +26,7 @@ from ph_post.edit.crossing_shapes import (
     shortest_time,
 )
 from ph_post.edit.cutter_contours import CutterContours
-from ph_post.edit.edits import CrossingEdit, StopEdit
+from ph_post.edit.edits import CrossingEdit, EditOptions, StopEdit
 from ph_post.edit.extrusion import filament_of
 from ph_post.edit.lagging_crossings import SHORT_LAG
 from ph_post.edit.positions import shiftable
@@ -111,16 +111,12 @@ class CrossingGround:
         Speed of the path in every motion [m/s].
     low : IntArray, shape (s,)
         First motion of every section, of which changes name the one in which they begin.
-    overshoot : mapping of str to float
+    options : EditOptions
+
+    Attributes
+    ----------
+    overshoot : dict
         From how far beyond its place each axis comes in the air [m].
-    tolerance : float
-        Largest deviation of the path in changed stretches [m].
-    part_side : {0, 1, -1}
-        1 where the part is on the left of the path, -1 where on its right, 0 where that is not known.
-    plain_corners : bool
-        No crossing lies behind a corner.
-    standing : collection of int
-        Motions beside which nothing is crossed on the fly.
     """
 
     def __init__(
@@ -131,16 +127,15 @@ class CrossingGround:
         sides: Mapping[str, tuple[float, float]],
         feed: Array,
         low: IntArray,
-        overshoot: Mapping[str, float],
-        tolerance: float,
-        *,
-        part_side: int = 0,
-        plain_corners: bool = False,
-        standing: Collection[int] = (),
+        options: EditOptions,
     ) -> None:
-        self.part_side, self.plain_corners = part_side, plain_corners
-        self._standing = np.array(sorted(standing), dtype=np.int64)
-        self.overshoot = overshoot
+        self.part_side, self.plain_corners = options.part_side, options.plain_corners
+        self._standing = np.array(sorted(options.standing), dtype=np.int64)
+        # No less than what the numbers of the program can say of the backlash.
+        self.overshoot = {
+            name: APPROACH * (plus - minus) if options.overshoot is None else max(options.overshoot, plus - minus)
+            for name, (minus, plus) in sides.items()
+        }
         stream = dialect.abilities.stream
         self.least = max(PERIODS * machine.servo_period, LINE_SIZE / stream.rate if stream is not None else 0.0)
         self.program, self.machine, self._dialect, self.sides = program, machine, dialect, sides
@@ -148,7 +143,7 @@ class CrossingGround:
         # Where the path is exact no path mode counts.
         self.halts = (program.motions.exact == 1) & (not isinstance(self.planner, ExactPath))
         path_mode = dialect.syntax.path_mode if self.halts.any() else None
-        self.rounding = 0.0 if path_mode is None else tolerance_of(path_mode(min(tolerance, ROUNDING)), MM)
+        self.rounding = 0.0 if path_mode is None else tolerance_of(path_mode(min(options.tolerance, ROUNDING)), MM)
         self.along = places_along(program.motions)
         timed = program.motions.duration > 0.0
         length = np.diff(self.along)

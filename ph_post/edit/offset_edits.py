@@ -158,15 +158,7 @@ class _OffsetPlanner:
         for number in range(BEAM_ROUNDS + len(contours.contours)):
             left = sorted([*(runs[run] for run in unmarked), *contours.spans(refused), *options.stretches])
             search = ReversalSearch(
-                self._program,
-                self._machine,
-                self._dialect,
-                self._amplitude,
-                self._sides,
-                self._open,
-                options,
-                left,
-                slow.feeds.feed,
+                self._program, self._machine, self._dialect, self._sides, self._open, options, left, slow.feeds.feed
             )
             afforded = affordable_reversals(search, options)
             planned = search.crossings.plan(afforded.changes, afforded.coarser)

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from ph_post.compensate.friction import braked
 from ph_post.dialects.base import Dialect
-from ph_post.edit.crossing_ground import APPROACH, CrossingGround
+from ph_post.edit.crossing_ground import CrossingGround
 from ph_post.edit.crossing_search import CrossingSearch
 from ph_post.edit.edits import EditOptions
 from ph_post.edit.positions import (
@@ -70,8 +70,6 @@ class ReversalSearch:
     program : PartProgram
     machine : Machine
     dialect : Dialect
-    amplitude : dict
-        Offset by axis [m].
     sides : dict
         Offsets of an axis that moves to minus, and to plus, by axis [m].
     sections : BoolArray, shape (s,)
@@ -89,7 +87,6 @@ class ReversalSearch:
         program: PartProgram,
         machine: Machine,
         dialect: Dialect,
-        amplitude: dict[str, float],
         sides: dict[str, tuple[float, float]],
         sections: BoolArray,
         options: EditOptions,
@@ -97,34 +94,17 @@ class ReversalSearch:
         slow: Array | None = None,
     ) -> None:
         self.program, self.dialect = program, dialect
-        self.amplitude, self.sides = amplitude, sides
+        self.sides, self.amplitude = sides, {name: max(map(abs, pair)) for name, pair in sides.items()}
         self.times = motion_times(program, machine)
         cuts = program.motions.kind != RAPID
         self._clock = np.append(0.0, np.cumsum(np.where(cuts, self.times, 0.0)))
         self._divide(sections, left)
         feed = np.nan_to_num(cutting_feed(program, self.times))
         self._feed = feed if slow is None else np.minimum(feed, slow)
-        # No less than what the numbers of the program can say of the backlash.
-        self._overshoot = {
-            name: APPROACH * (plus - minus) if options.overshoot is None else max(options.overshoot, plus - minus)
-            for name, (minus, plus) in sides.items()
-        }
         self._from = -options.position_from
         self._moving = moves(program.motions)
         self._places = [resting_places(program.motions, axis) if self._from else [] for axis in range(2)]
-        ground = CrossingGround(
-            program,
-            machine,
-            dialect,
-            sides,
-            self._feed,
-            self.low,
-            self._overshoot,
-            options.tolerance,
-            part_side=options.part_side,
-            plain_corners=options.plain_corners,
-            standing=options.standing,
-        )
+        ground = CrossingGround(program, machine, dialect, sides, self._feed, self.low, options)
         self._restarts = self._find_restarts(ground, late=options.max_slowdown >= LITTLE)
         self.crossings = CrossingSearch(ground, self._whole, self._restarts)
         self._given_up: dict[tuple[str, str], set[int]] = {}
@@ -208,7 +188,9 @@ class ReversalSearch:
         places = [
             place for place, section in zip(self._places[axis], own.tolist(), strict=True) if self.open[name][section]
         ]
-        return position_from(rows, places, motions, self._whole, axis, self._from, self._overshoot[name])
+        return position_from(
+            rows, places, motions, self._whole, axis, self._from, self.crossings.ground.overshoot[name]
+        )
 
     def _spans(self, name: str) -> tuple[IntArray, IntArray, IntArray, IntArray]:
         """Return what lies between sections that an axis leaves alone: the first section, the motions, where cuts end.
