@@ -101,9 +101,9 @@ def _ramp(feed: Array) -> int:
 
 
 def _feed_along(phases: Sequence[Phase]) -> tuple[Array, Array]:
-    """Arc length [m] and feed [m/s] at points of every phase, both its ends included."""
+    """Arc length [m] and feed [m/s] at points of every phase, both its ends included, each instant once."""
     within = np.linspace(0.0, 1.0, POINTS)
-    t = np.concatenate([phase.start + phase.duration * within for phase in phases])
+    t = np.unique(np.concatenate([phase.start + phase.duration * within for phase in phases]))
     return MotionLaw.from_phases(phases).place_and_feed(t)
 
 

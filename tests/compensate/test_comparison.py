@@ -56,6 +56,13 @@ def test_the_circle_at_constant_feed():
     assert pace.peak_acceleration == pytest.approx(2 * radius * (1 - math.cos(omega * h)) / h**2, rel=1e-6)
 
 
+def test_ramps_from_and_to_rest_do_not_count_in_phases_of_their_own():
+    # The feed is 1200 mm/min all along, and a dip goes no lower than it is allowed to; ramps pass every feed.
+    assert planned("oval", "mill", strategy="none").min_feed == pytest.approx(0.02, rel=1e-9)
+    dip = planned("oval", "mill", strategy="suppress", min_feed=0.015)
+    assert dip.min_feed == pytest.approx(0.015, rel=1e-6)
+
+
 def test_a_dip_a_stop_and_a_pass_backwards():
     speed = 0.25 * math.pi / 6
     given = {"start": "moving", "t_star": 0.5, "max_slowdown": 1.0}
