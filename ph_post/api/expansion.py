@@ -13,7 +13,7 @@ from ph_post.errors import InputError
 from ph_post.expand.macro import FanucNumbers, is_doubtful
 from ph_post.expand.tools import ToolShape, tools_of_table
 from ph_post.expand.writing import EXPANDED, Written
-from ph_post.files.storage import SourceBytes, read_source
+from ph_post.files.storage import SourceBytes, read_source, require_folder
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
 from ph_post.gcode.words import lines_of
@@ -55,8 +55,7 @@ def expanded_job(
         return job, ()
     from ph_post.expand.expand import ExpandError, Folders, expand  # 20 modules, of no use to most programs
 
-    parameters = None if options.parameters is None else read_parameters(options.parameters)
-    tools = None if options.tool_table is None else read_tools(options.tool_table)
+    parameters, tools = controller_files(options)
     base = dialect.split("+", maxsplit=1)[0]
     if base not in (*WRITTEN_AS_LINUXCNC, "fanuc", "siemens", "heidenhain"):
         return job, (f"{job.name}: not written out: programs of {dialect} are taken as they are",)
@@ -105,6 +104,22 @@ def _folders(name: str, asked: tuple[str, ...]) -> tuple[Path, ...]:
     """Return where subprograms may be: beside the program, and where the user says."""
     own = Path(name)
     return (*((own.parent,) if own.is_file() else ()), *(Path(folder) for folder in asked))
+
+
+def controller_files(
+    options: CompensateOptions,
+) -> tuple[dict[int, float] | None, dict[int, ToolShape] | None]:
+    """Return the controller's parameters and tools that the options name, each None where they name no file.
+
+    Raises
+    ------
+    InputError
+        Where such a file, or a folder of subprograms, cannot be read.
+    """
+    for folder in options.subprograms:
+        require_folder(folder, "subprograms")
+    parameters = None if options.parameters is None else read_parameters(options.parameters)
+    return parameters, None if options.tool_table is None else read_tools(options.tool_table)
 
 
 def read_parameters(source: str | os.PathLike[str]) -> dict[int, float]:

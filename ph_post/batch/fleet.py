@@ -28,6 +28,8 @@ from ph_post.files.storage import (
     SourceText,
     make_folder,
     read_raw,
+    require_folder,
+    require_out,
     write_atomically,
 )
 from ph_post.progress import Progress, no_progress
@@ -194,7 +196,7 @@ def run_fleet(
     """
     if request.workers is not None and request.scheduler is not None:
         raise OptionsError("--workers is for processes of this computer, which --scheduler replaces; leave one out")
-    fleet = _Fleet(Path(folder), machine, Path(place), request)
+    fleet = _Fleet(require_folder(folder, "logs"), machine, require_out(place), request)
     fleet.begin()
     if fleet.left:
         scheduler = request.scheduler
@@ -338,8 +340,6 @@ class _Fleet:
 
 def _logs(folder: Path) -> list[str]:
     """Names of the logs of a folder, and of the folders inside it."""
-    if not folder.is_dir():
-        raise InputError(os.fspath(folder), "no such folder", expected="a folder of logs")
     names = [
         one.relative_to(folder).as_posix()
         for one in folder.rglob("*")

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from ph_post.api.inputs import Source, machine_named
 from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError
-from ph_post.files.storage import HIDDEN, JOB_ENDINGS
+from ph_post.files.storage import HIDDEN, JOB_ENDINGS, require_folder, require_out
 from ph_post.types import Machine
 
 PATH_ENDING: Final = ".json"
@@ -58,14 +58,8 @@ def plan_batch(folder: Source, machines: Sequence[Machine | Source], place: Sour
         Where the folder, a machine or the place is bad, there is no program, or an output would overwrite an input.
     """
     known = _named_machines(machines, dialect)
-    root = Path(folder)
-    if not root.is_dir():
-        missing = not os.path.lexists(root)
-        wanted = "a folder of programs" if missing else "a folder; ph-post convert takes one program"
-        raise InputError(os.fspath(folder), "no such folder" if missing else "is no folder", expected=wanted)
-    if not os.fspath(place) or os.fspath(place) == "-":
-        raise InputError("-o", "no folder", expected="the name of a folder", got=repr(os.fspath(place)))
-    out = Path(place)
+    root = require_folder(folder, "programs", file="a folder; ph-post convert takes one program")
+    out = require_out(place)
     if os.path.realpath(out) == os.path.realpath(root):
         raise InputError(os.fspath(place), "the outputs would overwrite the inputs", expected="another folder")
     files = sorted(_programs(root, os.path.realpath(out)))

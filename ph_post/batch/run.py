@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import msgspec
 
+from ph_post.api.expansion import controller_files
 from ph_post.api.inputs import Source
 from ph_post.api.options import CompensateOptions
 from ph_post.batch.folder import BatchPlan, BatchTask, plan_batch
@@ -24,7 +25,7 @@ from ph_post.batch.workers import LostJobError, Workers, cores, open_workers
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.dialects.declaration import is_written_here
 from ph_post.errors import InputError, OptionsError, PhPostError
-from ph_post.files.storage import SourceBytes, make_folder, read_raw, write_atomically
+from ph_post.files.storage import PROGRAM_ENDINGS, SourceBytes, make_folder, read_raw, write_atomically
 from ph_post.progress import Progress, no_progress
 from ph_post.types import Machine
 from ph_post.units import MINUTE
@@ -153,6 +154,8 @@ def run_batch(
     if request.workers is not None and request.workers < 1:
         raise InputError("--workers", "out of range", expected="1 or more", got=str(request.workers))
     find_traits(request.options.chosen_strategy)
+    if request.options.expand:
+        controller_files(request.options)
     progress("looking at the folder")
     plan = plan_batch(folder, machines, place, request.options.dialect)
     run = _Run(plan, request, progress, told)
@@ -179,6 +182,7 @@ class _Run:
         self._sent: dict[int, tuple[BatchTask, str]] = {}
         self._next_page = 0.0
         self._begun = False
+        self._beside: dict[Path, str] = {}
         self.kept = 0
 
     def begin(self) -> None:
@@ -252,8 +256,19 @@ class _Run:
             self._request.options,
             self._request.simulated,
             hashlib.sha256(source.data).hexdigest(),
+            *(self._read_beside(task) if self._request.options.expand else ()),
         ]
         return f"sha256:{hashlib.sha256(msgspec.json.encode(facts)).hexdigest()}"
+
+    def _read_beside(self, task: BatchTask) -> Iterator[str]:
+        """Hash what a program may read while it is written out: subprograms, parameters and tools."""
+        options = self._request.options
+        folders = ((self._plan.folder / task.file).parent, *map(Path, options.subprograms))
+        files = [Path(file) for file in (options.parameters, options.tool_table) if file is not None]
+        for place in (*folders, *files):
+            if place not in self._beside:
+                self._beside[place] = _digest_of(place)
+            yield self._beside[place]
 
     def work(self) -> None:
         """Give what is left to workers, and write what comes back; nothing is written before they are there."""
@@ -418,6 +433,15 @@ def _write(file: Path, data: bytes) -> None:
     """Write a file of the report, unless it is there as it should be: where nothing is done, nothing changes."""
     if _bytes(file) != data:
         write_atomically({os.fspath(file): data})
+
+
+def _digest_of(place: Path) -> str:
+    """Hash the files of a folder that may be subprograms, or a file."""
+    if place.is_dir():
+        files = sorted(one for one in place.iterdir() if one.suffix.lower() in ("", *PROGRAM_ENDINGS))
+    else:
+        files = [place]
+    return _hash(msgspec.json.encode([(one.name, _hash(data)) for one in files if (data := _bytes(one)) is not None]))
 
 
 def _hash(data: bytes) -> str:

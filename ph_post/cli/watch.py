@@ -98,7 +98,7 @@ class WatchedFolder:
     def require(self) -> None:
         """See that the folder is there; raises as :meth:`ready`, and takes no note of its files."""
         if not os.path.exists(self.name):  # noqa: PTH110 - as it was named
-            raise InputError(self.name, "no such folder", expected="a folder to watch")
+            raise InputError(self.name or "''", "no such folder", expected="a folder to watch")
         self._looks()
 
     def look(self, name: str) -> Look | None:

@@ -14,6 +14,9 @@ from ph_post.errors import InputError
 ARRAY_FORMATS: Final = (".npz", ".parquet")
 """Endings of files of named arrays."""
 
+_BEGINS: Final = {".npz": (b"PK\x03\x04", b"PK\x05\x06"), ".parquet": (b"PAR1",)}
+"""First bytes of such files. What the libraries say of other bytes is of no help, or bad advice: to allow pickles."""
+
 
 def array_content(arrays: Mapping[str, NDArray[Any]], target: str, ending: str) -> bytes:
     """Return the bytes of a file of named arrays.
@@ -43,6 +46,8 @@ def read_arrays(data: bytes, source: str, ending: str) -> dict[str, NDArray[Any]
     Exception
         Whatever the decoder raises where the bytes are no such file.
     """
+    if not data.startswith(_BEGINS[ending]):
+        raise ValueError("other bytes" if data else "an empty file")
     if ending == ".npz":
         with np.load(io.BytesIO(data), allow_pickle=False) as stored:
             return dict(stored)

@@ -70,6 +70,8 @@ def read_raw(source: str | os.PathLike[str]) -> SourceBytes:
     InputError
         Where the file is missing, a directory or unreadable.
     """
+    if not os.fspath(source):
+        raise InputError("''", "is no file to read", expected="the name of a file")
     if os.fspath(source) == STDIO:
         if sys.stdin is None:
             raise InputError("stdin", "cannot be read", got="a closed stream")
@@ -111,17 +113,23 @@ def reading_errors(file: pathlib.Path) -> Iterator[None]:
 
 def _decode(data: bytes, name: str, foreign: bool) -> str:
     try:
-        return data.decode("utf-8-sig")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         other = "utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "cp1252"
         with contextlib.suppress(UnicodeDecodeError):
             if foreign and (other == "utf-16" or b"\0" not in data):
                 return data.decode(other)
-        before = data[: error.start]
-        line = before.count(b"\n") + 1
-        column = error.start - before.rfind(b"\n")
-        byte = f"byte 0x{data[error.start]:02x}"
-        raise InputError(f"{name}:{line}:{column}", "not a text file", expected="UTF-8", got=byte) from None
+        raise _no_text(data, name, error.start, f"byte 0x{data[error.start]:02x}") from None
+    if "\0" in text:
+        raise _no_text(data, name, data.index(b"\0"), "a zero byte")
+    return text
+
+
+def _no_text(data: bytes, name: str, place: int, got: str) -> InputError:
+    """Return the error of a file that is no text from a place on."""
+    before = data[:place]
+    line, column = before.count(b"\n") + 1, place - before.rfind(b"\n")
+    return InputError(f"{name}:{line}:{column}", "not a text file", expected="UTF-8", got=got)
 
 
 Content = bytes | str
@@ -287,6 +295,38 @@ def _keep(place: pathlib.Path, old: pathlib.Path) -> None:
         shutil.copy2(place, old)
 
 
+def require_folder(name: str | os.PathLike[str], of: str, file: str = "") -> pathlib.Path:
+    """Return the folder `name`, which holds `of`: logs, programs. `file` is what is expected in place of a file.
+
+    An empty name is none, and not the folder that the command runs in: a script may have left it out.
+
+    Raises
+    ------
+    InputError
+        Where it is not there, no folder, or cannot be read.
+    """
+    folder = pathlib.Path(name)
+    if not os.fspath(name) or not folder.is_dir():
+        missing = not os.fspath(name) or not os.path.lexists(folder)
+        what, expected = ("no such folder", "") if missing else ("is no folder", file)
+        raise InputError(os.fspath(name) or "''", what, expected=expected or f"a folder of {of}")
+    with reading_errors(folder), os.scandir(folder):
+        return folder
+
+
+def require_out(name: str | os.PathLike[str]) -> pathlib.Path:
+    """Return the folder of ``-o``, which need not be there yet.
+
+    Raises
+    ------
+    InputError
+        Where it is no name of a folder.
+    """
+    if os.fspath(name) in ("", STDIO):
+        raise InputError("-o", "no folder", expected="the name of a folder", got=repr(os.fspath(name)))
+    return pathlib.Path(name)
+
+
 def make_folder(name: str) -> pathlib.Path:
     """Return the folder `name`, made if it is not there.
 
@@ -351,7 +391,7 @@ def or_shipped(kind: Kind, source: str | os.PathLike[str]) -> str | os.PathLike[
         Where `source` is a bare name that is neither a file nor shipped.
     """
     name = os.fspath(source)
-    bare = pathlib.PurePath(name).name == name and not pathlib.PurePath(name).suffix and name != "-"
+    bare = name and pathlib.PurePath(name).name == name and not pathlib.PurePath(name).suffix and name != "-"
     return shipped(kind, name) if bare and not os.path.lexists(name) else source
 
 

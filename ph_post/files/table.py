@@ -101,7 +101,7 @@ def read_table(source: str | os.PathLike[str]) -> Command:
     text = decoded(raw).text if ending == ".csv" else ""
     try:
         columns = _read_csv(text) if ending == ".csv" else read_arrays(raw.data, name, ending)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(name, "not an interpolator table", got=str(error).split("\n")[0]) from None
     return _command(columns, name)
 

@@ -5,6 +5,7 @@ import csv
 import io
 import json
 import os
+import shlex
 import time
 from pathlib import Path
 
@@ -303,9 +304,35 @@ def test_an_output_of_an_earlier_run_is_named_where_its_program_is_refused_now(h
     assert rows_of(out)["part.ngc", "router"]["status"] == "compensated"
 
 
+def test_what_a_program_that_is_written_out_reads_counts_too(real, tmp_path, capsys):
+    programs, tools, out = tmp_path / "in", tmp_path / "tool.tbl", tmp_path / "out"
+    programs.mkdir()
+    (programs / "cut.ngc").write_text("G21 G90 G40\nT1 M6\nG0 X0 Y0\nG41 G1 X10 F600\nY10\nX0\nY0\nG40 X-9\nM2\n")
+    (programs / "call.ngc").write_text("G21 G90\nG0 X0 Y0\nG1 X10 F600\no<side> call\nX0\nY0\nM2\n")
+    side = programs / "side.ngc"
+    side.write_text("o<side> sub\nG1 Y10\no<side> endsub\n")
+    tools.write_text("T1 P1 D4\n")
+    how = ("--expand", "--tool-table", str(tools), "--subprograms", str(programs))
+    assert batch(programs, out, *how, machine="mill") == 0
+    before = {name: (out / name).read_bytes() for name in ("cut.ngc", "call.ngc")}
+    assert batch(programs, out, *how, machine="mill") == 0
+    assert "3 of an earlier run" in capsys.readouterr().err
+    tools.write_text("T1 P1 D6\n")
+    side.write_text("o<side> sub\nG1 Y12\no<side> endsub\n")
+    assert batch(programs, out, *how, machine="mill") == 0
+    assert "of an earlier run" not in capsys.readouterr().err
+    for name, old in before.items():
+        assert main(["convert", str(programs / name), "-m", "mill", *how, "-o", str(tmp_path / "one"), *FEW]) == 0
+        assert old != (out / name).read_bytes() == (tmp_path / "one").read_bytes()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        ("'' -m router -o out", "ph-post: '': no such folder; expected a folder of programs"),
+        ("in -m router -o ''", "ph-post: -o: no folder; expected the name of a folder; got ''"),
+        ("in -m router -o out --expand --tool-table none.tbl", "ph-post: none.tbl: no such file"),
+        ("in -m router -o out --expand --subprograms none", "ph-post: none: no such folder; expected a folder of sub"),
         ("nowhere -m router -o out", "ph-post: nowhere: no such folder; expected a folder of programs"),
         ("in/part.ngc -m router -o out", "ph-post: in/part.ngc: is no folder; expected a folder; ph-post convert"),
         ("empty -m router -o out", "ph-post: empty: no programs; expected files that end in .cnc"),
@@ -331,7 +358,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(folder, tmp_path, monkeypa
         (folder / "in").mkdir()
         (folder / "in" / "part.ngc").write_text(PART)
     before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*")}
-    assert main(["batch", *arguments.split()]) == 2
+    assert main(["batch", *shlex.split(arguments)]) == 2
     said = capsys.readouterr()
     assert said.out == ""
     assert words in said.err

@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import json
+import shlex
 
 import pytest
 
@@ -162,6 +163,8 @@ def test_each_log_has_its_machine_file(here, logs, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        ("'' -o out", "ph-post: '': no such folder; expected a folder of logs"),
+        ("logs -o ''", "ph-post: -o: no folder; expected the name of a folder; got ''"),
         ("nowhere -o out", "ph-post: nowhere: no such folder; expected a folder of logs"),
         ("empty -o out", "ph-post: empty: no logs; expected files that end in .csv"),
         ("logs -o logs", "ph-post: logs: the outputs would stand among the logs"),
@@ -177,7 +180,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(logs, tmp_path, monkeypatc
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "drift.csv").write_text("snow,wind\n3,2\n")
     before = sorted(tmp_path.rglob("*"))
-    assert main(["fleet", *arguments.split()]) == 2
+    assert main(["fleet", *shlex.split(arguments)]) == 2
     said = capsys.readouterr()
     assert said.out == ""
     assert words in said.err

@@ -9,7 +9,7 @@ import pytest
 
 from ph_post.errors import InputError
 from ph_post.files import storage
-from ph_post.files.storage import check_place, write_atomically
+from ph_post.files.storage import check_place, require_folder, write_atomically
 
 
 def names(folder):
@@ -187,3 +187,13 @@ def test_a_closed_standard_output_is_refused(monkeypatch):
     monkeypatch.setattr("sys.stdout", None)
     with pytest.raises(InputError, match="standard output: cannot be written; got a closed stream"):
         write_atomically({"-": "x"})
+
+
+def test_a_folder_that_cannot_be_read_is_not_an_empty_one(tmp_path, monkeypatch):
+    def refuse(_folder):
+        raise PermissionError(13, "Permission denied")
+
+    assert require_folder(tmp_path, "logs") == tmp_path
+    monkeypatch.setattr("os.scandir", refuse)
+    with pytest.raises(InputError, match="cannot be read; got Permission denied"):
+        require_folder(tmp_path, "logs")
