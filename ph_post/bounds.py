@@ -28,6 +28,9 @@ MOST_EFFORT: Final = 1000.0
 MOST_INTERVALS: Final = 2_000_000
 """Backlash intervals worked out in one run: a file of some 100 MB."""
 
+LEAST_TOLERANCE: Final = 1e-11
+"""Smallest distance [m] within which paths are the same: arcs are looked at in chords that are as close as that."""
+
 LEAST_CORNER_TOLERANCE: Final = 1e-7
 """Smallest distance [m] within which corners of a path are rounded: no machine can show less."""
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 
 class PhPostError(Exception):
     """Base class of the package's errors; a command prints one line and exits with `status`."""
@@ -38,6 +41,32 @@ class InputError(PhPostError):
         super().__init__("; ".join(parts))
         self.where = where
         self.excerpt = excerpt
+
+
+def out_of_range(
+    where: str, got: object, low: float = -math.inf, *, open_low: bool = False, high: float = math.inf
+) -> InputError:
+    """Return the error of what is no finite number, or none between `low` and `high`.
+
+    Examples
+    --------
+    >>> print(out_of_range("--feed", "nan", 0.0, open_low=True))
+    --feed: out of range; expected a finite number > 0; got nan
+    """
+    least = f" {'>' if open_low else '>='} {low:g}" if math.isfinite(low) else ""
+    most = f" and at most {high:g}" if math.isfinite(high) else ""
+    return InputError(where, "out of range", expected=f"a finite number{least}{most}", got=str(got) or "nothing")
+
+
+def unknown_word(where: str, got: object, known: Sequence[str]) -> InputError:
+    """Return the error of a word that is none of those known.
+
+    Examples
+    --------
+    >>> print(unknown_word("--start", "late", ("rest", "moving")))
+    --start: unknown; expected rest or moving; got late
+    """
+    return InputError(where, "unknown", expected=" or ".join(known), got=str(got) or "nothing")
 
 
 class TooLargeError(InputError):

@@ -10,12 +10,13 @@ from typing import Any, Literal, TypeVar, get_args
 
 import msgspec
 
-from ph_post.bounds import LEAST_CORNER_TOLERANCE, MOST_EFFORT
+from ph_post.bounds import LEAST_CORNER_TOLERANCE, LEAST_TOLERANCE, MOST_EFFORT
 from ph_post.compensate.options import PlanOptions, PlanOutput
+from ph_post.compensate.profile import check_degree
 from ph_post.compensate.strategies.registry import default_strategy, find_traits
 from ph_post.drive.intervals import IntervalTable
 from ph_post.edit.edits import TOLERANCE, EditOptions
-from ph_post.errors import InputError, OptionsError
+from ph_post.errors import OptionsError, out_of_range, unknown_word
 from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE, FeedMode, ProgramOptions
 
 T = TypeVar("T", PlanOptions, ProgramOptions, EditOptions)
@@ -28,7 +29,8 @@ _NUMBERS = (
 """Options that are numbers."""
 
 _RANGES = {
-    **dict.fromkeys(("tolerance", "feed", "t_star", "min_feed"), (0.0, True, math.inf)),
+    "tolerance": (LEAST_TOLERANCE, False, math.inf),
+    **dict.fromkeys(("feed", "t_star", "min_feed"), (0.0, True, math.inf)),
     **dict.fromkeys(("chord_tolerance", "block_time", "overshoot", "peck_clearance"), (0.0, True, math.inf)),
     "corner_tolerance": (LEAST_CORNER_TOLERANCE, False, math.inf),
     "max_slowdown": (0.0, False, math.inf),
@@ -60,9 +62,7 @@ def require_number(name: str, value: Any) -> None:
     low, positive, high = _RANGES.get(name, (-math.inf, False, math.inf))
     number = isinstance(value, Real) and math.isfinite(value)
     if not number or value < low or (positive and value == low) or value > high:
-        least = f" {'>' if positive else '>='} {low:g}" if math.isfinite(low) else ""
-        most = f" and at most {high:g}" if math.isfinite(high) else ""
-        raise InputError(_option(name), "out of range", expected=f"a finite number{least}{most}", got=str(value))
+        raise out_of_range(_option(name), value, low, open_low=positive, high=high)
 
 
 def require_word(name: str, value: object, known: Sequence[str | None]) -> None:
@@ -74,8 +74,7 @@ def require_word(name: str, value: object, known: Sequence[str | None]) -> None:
         With the option's name as the command line has it.
     """
     if value not in known:
-        expected = " or ".join(one for one in known if one is not None)
-        raise InputError(_option(name), "unknown", expected=expected, got=str(value))
+        raise unknown_word(_option(name), value, [one for one in known if one is not None])
 
 
 def _option(name: str) -> str:
@@ -143,6 +142,8 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             require_number(name, getattr(self, name))
         for name, known in _WORDS.items():
             require_word(name, getattr(self, name), known)
+        if self.degree is not None:
+            check_degree(self.degree)
         if self.corner_tolerance is not None and self.feed_only:
             raise OptionsError("--corner-tolerance changes the path, and --feed-only leaves it as it is; leave one out")
         if self.lead_program and (self.feed_only or self.no_inverse_dynamics):

@@ -51,7 +51,8 @@ class PathCompensation(Compensation):
         output: PlanOutput,
         progress: Progress,
     ) -> None:
-        assert analysis.machine is not None
+        if analysis.machine is None:
+            raise InputError("", "a plan needs a machine")
         self.analysis, self.machine, self.options, self.output = analysis, analysis.machine, options, output
         self.notes = notes
         self._progress = progress

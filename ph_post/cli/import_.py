@@ -52,7 +52,7 @@ def _origin(_ctx: click.Context, _parameter: click.Parameter, text: str) -> str 
 )
 @click.option(
     "--units",
-    type=click.Choice(UNIT_NAMES),
+    type=options.Word(UNIT_NAMES),
     help="What one unit of the drawing is, where it does not say or says it wrongly.",
 )
 @click.option("--scale", callback=_fraction, default="1", metavar="FACTOR", help="Enlarge by this factor.")
@@ -76,14 +76,14 @@ def _origin(_ctx: click.Context, _parameter: click.Parameter, text: str) -> str 
 )
 @click.option(
     "--axes",
-    type=click.Choice(["XY", "XYZ"]),
+    type=options.Word(["XY", "XYZ"]),
     default="XY",
     show_default=True,
     help="XY needs a flat drawing; XYZ keeps its heights.",
 )
 @click.option(
     "--order",
-    type=click.Choice(["nearest", "drawn"]),
+    type=options.Word(["nearest", "drawn"]),
     default="nearest",
     show_default=True,
     help="Order of the contours of a layer.",

@@ -5,12 +5,12 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from ph_post.bounds import LEAST_CORNER_TOLERANCE, MOST_EFFORT
-from ph_post.errors import OptionsError
+from ph_post.bounds import LEAST_CORNER_TOLERANCE, LEAST_TOLERANCE, MOST_EFFORT
+from ph_post.errors import OptionsError, out_of_range, unknown_word
 from ph_post.units import MM, MM_PER_MIN, MS
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -109,15 +109,25 @@ def in_si(how: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Number(click.FloatRange):
-    """A finite number, in a range where one is given."""
+    """A finite number, in a range where one is given; another is refused in the words of :mod:`ph_post.api`."""
 
     name = "number"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Read the number, and refuse words such as ``nan`` and ``inf`` too."""
-        found = super().convert(value, param, ctx)
-        if not math.isfinite(found):
-            self.fail(f"{value!r} is not a finite number.", param, ctx)
+    def convert(self, value: Any, param: click.Parameter | None, _ctx: click.Context | None) -> float:
+        """Read the number, and refuse words such as ``nan`` and ``inf`` too.
+
+        Raises
+        ------
+        InputError
+        """
+        low = -math.inf if self.min is None else self.min
+        high = math.inf if self.max is None else self.max
+        try:
+            found = float(value)
+        except (ValueError, OverflowError):
+            found = math.nan
+        if not math.isfinite(found) or not low <= found <= high or (self.min_open and found == low):
+            raise out_of_range(_name_of(param), value, low, open_low=self.min_open, high=high)
         return found
 
     def _describe_range(self) -> str:
@@ -125,11 +135,41 @@ class Number(click.FloatRange):
         return "" if self.min is None and self.max is None else super()._describe_range()
 
 
+if TYPE_CHECKING:
+    _Choice = click.Choice[str]
+else:
+    _Choice = click.Choice  # takes no type before version 8.2
+
+
+class Word(_Choice):
+    """One of a few words; another is refused in the words of :mod:`ph_post.api`."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Take the word.
+
+        Raises
+        ------
+        InputError
+        """
+        try:
+            return super().convert(value, param, ctx)
+        except click.BadParameter:
+            raise unknown_word(_name_of(param), value, [str(word) for word in self.choices]) from None
+
+
+def _name_of(param: click.Parameter | None) -> str:
+    """Return what an option is called by most: its longest name."""
+    return "" if param is None else max(param.opts, key=len)
+
+
 positive = Number(min=0.0, min_open=True)
+
+close = Number(min=round(LEAST_TOLERANCE / MM, 9))
+"""A distance within which paths are the same."""
 
 tolerance = click.option(
     "--tolerance",
-    type=positive,
+    type=close,
     default=DEFAULT_TOLERANCE_MM,
     show_default=True,
     metavar="MM",
@@ -207,7 +247,7 @@ def strategy(default: str | None, words: str | bool = True) -> Callable[[F], F]:
 
 carrier = click.option(
     "--carrier",
-    type=click.Choice(["table", "program"]),
+    type=Word(["table", "program"]),
     default="table",
     show_default=True,
     help="Plan for an interpolator table, or for a part program, which cannot hold everything that a table can.",
@@ -215,7 +255,7 @@ carrier = click.option(
 
 carrier_of_job = click.option(
     "--carrier",
-    type=click.Choice(["table", "program"]),
+    type=Word(["table", "program"]),
     help="Compare interpolator tables, or part programs; by default programs of a program, and tables of a path.",
 )
 
@@ -261,7 +301,7 @@ _PLANNING = (
     dialect,
     click.option(
         "--start",
-        type=click.Choice(["rest", "moving"]),
+        type=Word(["rest", "moving"]),
         default="rest",
         show_default=True,
         help="Begin and end at rest, or keep the feed from end to end.",
@@ -272,7 +312,7 @@ _PLANNING = (
         metavar="NUMBER",
         help="V(1/2)/V_c, the feed at the reversal over the feed around it. [0.25; retrograde -0.3]",
     ),
-    click.option("--degree", type=click.IntRange(min=4), help="Degree of the feed profile, even. [10]"),
+    click.option("--degree", type=int, help="Degree of the feed profile, even. [10]"),
     click.option("--t-star", type=positive, metavar="S", help="Half duration of the feed profile."),
     click.option(
         "--coefficients",
@@ -348,7 +388,7 @@ _WRITING = (
     ),
     click.option(
         "--position-from",
-        type=click.Choice(["+", "-"]),
+        type=Word(["+", "-"]),
         default=None,
         help="One-sided positioning in part programs: X and Y come to holes, and to all places at which they rest while"
         " the tool cuts, always from their plus side, or from their minus side.",
@@ -361,7 +401,7 @@ _WRITING = (
     ),
     click.option(
         "--part-side",
-        type=click.Choice(["left", "right"]),
+        type=Word(["left", "right"]),
         default=None,
         help="Side of the path, seen along it, on which the part is: where a crossing in a part program cannot be"
         " exact, it then leaves the part proud, and does not cut into it.",
@@ -391,7 +431,7 @@ strict = click.option("--strict", is_flag=True, help="Refuse programs with comma
 
 feed_mode = click.option(
     "--feed-mode",
-    type=click.Choice([PER_MINUTE, "inverse-time"]),
+    type=Word([PER_MINUTE, "inverse-time"]),
     default=PER_MINUTE,
     show_default=True,
     help="F words in mm/min (G94) or in 1/min (G93), of path files.",
@@ -431,7 +471,7 @@ _EXPANDING = (
     ),
     click.option(
         "--controller-units",
-        type=click.Choice(["mm", "inch"]),
+        type=Word(["mm", "inch"]),
         default="mm",
         show_default=True,
         help="With --parameters and --tool-table: the units of these files, which are the machine's.",

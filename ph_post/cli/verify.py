@@ -12,7 +12,7 @@ from ph_post.cli import options
 @click.argument("compensated", metavar="COMPENSATED")
 @click.option(
     "--tolerance",
-    type=options.positive,
+    type=options.close,
     default=options.DEFAULT_TOLERANCE_MM,
     show_default=True,
     metavar="MM",

@@ -47,7 +47,7 @@ def check_degree(degree: int) -> None:
     InputError
         Unless `degree` is even, at least 4 and at most 100.
     """
-    if not LEAST_DEGREE <= degree <= MOST_DEGREE or degree % 2:
+    if not isinstance(degree, int) or not LEAST_DEGREE <= degree <= MOST_DEGREE or degree % 2:
         raise InputError(
             "--degree",
             "not a degree of Eq. (26)",

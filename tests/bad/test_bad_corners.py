@@ -9,14 +9,14 @@ import ph_post as ph
 from ph_post.cli.main import main
 from ph_post.errors import InputError
 
-SEE = "; see ph-post convert --help\n"
-RANGE = "is not in the range x>=0.0001"
+SEE = "; see ph-post convert --help"
+RANGE = "--corner-tolerance: out of range; expected a finite number >= 0.0001; got "
 CASES = {
-    "negative": (("-0.02",), f"Invalid value for '--corner-tolerance': -0.02 {RANGE}"),
-    "nothing": (("0",), f"Invalid value for '--corner-tolerance': 0.0 {RANGE}"),
-    "too small": (("0.00009",), f"Invalid value for '--corner-tolerance': 9e-05 {RANGE}"),
-    "no number": (("wide",), "Invalid value for '--corner-tolerance': 'wide' is not a valid number."),
-    "nan": (("nan",), "Invalid value for '--corner-tolerance': 'nan' is not a finite number"),
+    "negative": (("-0.02",), RANGE + "-0.02"),
+    "nothing": (("0",), RANGE + "0"),
+    "too small": (("0.00009",), RANGE + "0.00009"),
+    "no number": (("wide",), RANGE + "wide"),
+    "nan": (("nan",), RANGE + "nan"),
     "feeds only": (
         ("0.02", "--feed-only"),
         "--corner-tolerance changes the path, and --feed-only leaves it as it is; leave one out",
@@ -29,7 +29,8 @@ def test_a_corner_tolerance_that_cannot_be_is_refused_in_one_line(name, capsys, 
     options, line = CASES[name]
     out = tmp_path / "out.ngc"
     assert main(["convert", "pocket", "-m", "router", "-o", str(out), "--corner-tolerance", *options]) == 2
-    assert without_progress(capsys.readouterr().err) == f"ph-post: {line.removesuffix('.')}{SEE}"
+    see = "" if line.startswith(RANGE) else SEE
+    assert without_progress(capsys.readouterr().err) == f"ph-post: {line}{see}\n"
     assert not out.exists()
 
 
@@ -38,7 +39,7 @@ def test_a_part_program_keeps_its_corners(capsys, tmp_path):
     part.write_text("G21 G90\nG1 X10 F600\nY10\nM2\n")
     assert main(["convert", str(part), "-m", "router", "-o", str(out), "--corner-tolerance", "0.02"]) == 2
     line = "--corner-tolerance is for path files; a part program keeps its own"
-    assert without_progress(capsys.readouterr().err) == f"ph-post: {line}{SEE}"
+    assert without_progress(capsys.readouterr().err) == f"ph-post: {line}{SEE}\n"
     assert not out.exists()
 
 

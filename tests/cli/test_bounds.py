@@ -148,22 +148,27 @@ def test_a_comparison_says_why_it_has_no_error(job, capsys):
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        ("--max-slowdown=-0.1", "'--max-slowdown': -0.1 is not in the range x>=0.0"),
-        ("--max-slowdown=ten", "'--max-slowdown': 'ten' is not a valid number"),
-        ("--max-slowdown=nan", "'--max-slowdown': 'nan' is not a finite number"),
-        ("--max-slowdown=inf", "'--max-slowdown': 'inf' is not a finite number"),
-        ("--max-slowdown=", "'--max-slowdown': '' is not a valid number"),
-        ("--effort=1e9", "'--effort': 1000000000.0 is not in the range 0.0<x<=1000.0"),
-        ("--effort=nan", "'--effort': 'nan' is not a finite number"),
-        ("--feed=inf", "'--feed': 'inf' is not a finite number"),
-        ("--block-time=0", "'--block-time': 0.0 is not in the range x>0.0"),
-        ("--coefficients=1,nan,1", "'--coefficients': expected numbers separated by commas; got '1,nan,1'"),
+        ("--max-slowdown=-0.1", "ph-post: --max-slowdown: out of range; expected a finite number >= 0; got -0.1\n"),
+        ("--max-slowdown=ten", "ph-post: --max-slowdown: out of range; expected a finite number >= 0; got ten\n"),
+        ("--max-slowdown=nan", "ph-post: --max-slowdown: out of range; expected a finite number >= 0; got nan\n"),
+        ("--max-slowdown=inf", "ph-post: --max-slowdown: out of range; expected a finite number >= 0; got inf\n"),
+        ("--max-slowdown=", "ph-post: --max-slowdown: out of range; expected a finite number >= 0; got nothing\n"),
+        ("--effort=1e9", "ph-post: --effort: out of range; expected a finite number > 0 and at most 1000; got 1e9\n"),
+        ("--effort=nan", "ph-post: --effort: out of range; expected a finite number > 0 and at most 1000; got nan\n"),
+        ("--feed=inf", "ph-post: --feed: out of range; expected a finite number > 0; got inf\n"),
+        ("--block-time=0", "ph-post: --block-time: out of range; expected a finite number > 0; got 0\n"),
+        ("--tolerance=1e-300", "ph-post: --tolerance: out of range; expected a finite number >= 1e-08; got 1e-300\n"),
+        (
+            "--coefficients=1,nan,1",
+            "ph-post: Invalid value for '--coefficients': expected numbers separated by commas; got '1,nan,1'; "
+            "see ph-post convert --help\n",
+        ),
     ],
 )
 def test_numbers_that_are_none_are_refused_in_one_line(option, message, job, capsys, tmp_path):
     name = job("part.json", path_file(1000, CIRCLE))
     assert main(["convert", name, "-m", "mill", "-o", "o.ngc", option]) == 2
-    assert capsys.readouterr().err == f"ph-post: Invalid value for {message}; see ph-post convert --help\n"
+    assert capsys.readouterr().err == message
     assert not (tmp_path / "o.ngc").exists()
 
 

@@ -194,9 +194,12 @@ def test_bad_usage_is_one_line(capsys, tmp_path):
         ((OVAL, "-m", "mill", "--plot", str(tmp_path / "a.txt")), "other formats"),
         (("spatial", "-m", "paper"), "axis Z, which has no drive"),
         ((OVAL, "-m", "mill", "--strategy", "none"), "No such option"),
-        ((OVAL, "-m", "mill", "--carrier", "tape"), "'tape' is not one of 'table', 'program'"),
-        ((OVAL, "-m", "mill", "--effort", "0"), "0.0 is not in the range 0.0<x<=1000.0"),
-        ((OVAL, "-m", "mill", "--effort", "much"), "'much' is not a valid number"),
+        ((OVAL, "-m", "mill", "--carrier", "tape"), "--carrier: unknown; expected table or program; got tape"),
+        (
+            (OVAL, "-m", "mill", "--effort", "0"),
+            "--effort: out of range; expected a finite number > 0 and at most 1000; got 0",
+        ),
+        ((OVAL, "-m", "mill", "--effort", "much"), "and at most 1000; got much"),
     ):
         status, out, err = run(capsys, "compare", *arguments)
         assert (status, out, err.count("\n")) == (2, "", 1)

@@ -241,8 +241,9 @@ def test_a_chain_that_does_not_pass_is_left_as_it_was(tmp_path, capfdbinary, mon
     ("options", "said"),
     [
         (("--feed", "100"), "--feed is for path files"),
-        (("--position-from", "x"), "'x' is not one of '+', '-'"),
-        (("--overshoot", "0"), "'--overshoot': 0.0 is not in the range x>0.0"),
+        (("--expand", "--subprograms", "none"), "none: no such folder; expected a folder of subprograms"),
+        (("--position-from", "x"), "--position-from: unknown; expected + or -; got x"),
+        (("--overshoot", "0"), "--overshoot: out of range; expected a finite number > 0; got 0"),
         (("--overshoot", "0.01"), "--overshoot: less than the lost motion of "),
         (("--safe-z", "5"), "--safe-z is for path files"),
         (("--start", "moving"), "--start moving is for path files"),

@@ -300,7 +300,7 @@ def test_standard_input_and_output(capsys, monkeypatch, tmp_path):
         (("nonsense",), "ph-post: No such command 'nonsense'; see ph-post --help"),
         (
             ("inspect", CIRCLE, "--tolerance", "0"),
-            "ph-post: Invalid value for '--tolerance': 0.0 is not in the range x>0.0; see ph-post inspect --help",
+            "ph-post: --tolerance: out of range; expected a finite number >= 1e-08; got 0",
         ),
         (
             ("convert", CIRCLE, "-m", "paper", "-o", "-", "--table", "-"),
@@ -317,6 +317,43 @@ def test_bad_usage_is_one_line_and_exit_2(capsys, arguments, line):
     status, out, err = run(capsys, *arguments)
     assert (status, out) == (2, "")
     assert err == line + "\n"
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "given"),
+    [
+        ("max_slowdown", "-1", -1),
+        ("tolerance", "nan", math.nan),
+        ("effort", "1e9", 1e9),
+        ("degree", "3", 3),
+        ("degree", "1" + 20 * "0", 10**20),
+        ("start", "late", "late"),
+        ("part_side", "up", "up"),
+        ("strategy", "best", "best"),
+    ],
+)
+def test_a_bad_option_is_refused_in_the_same_words_by_python(capsys, option, value, given):
+    status, out, err = run(capsys, "convert", OVAL, "-m", "mill", f"--{option.replace('_', '-')}={value}")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    with pytest.raises(ph.InputError) as refusal:
+        ph.compensate(OVAL, "mill", **{option: given})
+    said = err.removeprefix("ph-post: ").rstrip().replace("got 1e9", "got 1000000000.0")
+    assert str(refusal.value).replace(">= 1e-11", ">= 1e-08") == said  # a tolerance is in metres here, in mm there
+
+
+def test_a_machine_that_is_none_is_refused(capsys):
+    with pytest.raises(ph.InputError, match="a plan needs a machine"):
+        ph.compensate(OVAL, None, strategy="suppress")
+
+
+def test_what_is_no_archive_is_no_interruption(capsys, tmp_path):
+    for data, got in ((b"", "an empty file"), (b"\x80\x03}q\x00.", "other bytes"), (b"PK", "")):
+        table = tmp_path / "table.npz"
+        table.write_bytes(data)
+        status, out, err = run(capsys, "simulate", table, "--path", OVAL, "-m", "mill")
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert f"{table}: not an interpolator table; got {got}" in err
+        assert "pickle" not in err
 
 
 def test_without_a_command_it_prints_its_help_page_as_click_does(capsys):
