@@ -52,7 +52,7 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
     from ph_post.report.simulations import comparison_lines, comparison_view, warnings_of_choice
     from ph_post.report.tables import print_json
 
-    check_places({"IN": source}, {"--plot": plot}, json=as_json)
+    check_places({"IN": source, "-m": machine}, {"--plot": plot}, json=as_json)
     with ProgressPrinter() as progress:
         found = ph.compare(source, machine, output=how["carrier"], progress=progress, **options.in_si(how))
         if plot is not None:

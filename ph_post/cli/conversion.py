@@ -121,7 +121,8 @@ def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> 
     machine = options.require_machine(how["machine"])
     table, program = how["table"], how["output"]
     program = program or (None if table is not None or as_json else "-")
-    check_places({"IN": raw.name}, {"-o": program, "--table": table, "--plot": how["plot"]}, json=as_json)
+    inputs = {"IN": raw.name, "-m": how["machine"], "--interval-table": how["interval_table"]}
+    check_places(inputs, {"-o": program, "--table": table, "--plot": how["plot"]}, json=as_json)
     asked: list[PlanOutput] = ["table"] if table is not None or program is None else []
     asked += ["program"] if program is not None else []
     with ProgressPrinter() as progress:
@@ -246,7 +247,8 @@ def convert_program(source: str, raw: SourceBytes, how: Mapping[str, Any], *, as
     target = choose_target(source, how) or (None if as_json else Target(program="-"))
     if target is not None:
         here = source if target.program != source or how["output"] is not None else None
-        check_places({"IN": here}, {"-o": target.program, "--plot": how["plot"]}, json=as_json)
+        files = {"-m": how["machine"], "--parameters": how["parameters"], "--tool-table": how["tool_table"]}
+        check_places({"IN": here, **files}, {"-o": target.program, "--plot": how["plot"]}, json=as_json)
     if how["undo"]:
         return _undo(raw, how, target, as_json)
     options.require_machine(how["machine"])

@@ -78,7 +78,8 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
     from ph_post.report.tables import print_json
 
     places = {"-o": how["output"], "--html": how["html"], "--plot": how["plot"], "--next": how["following"]}
-    check_places({"LOG": source, "-m": machine, "--program": how["program"]}, places, json=as_json)
+    inputs = {"LOG": source, "-m": machine, "--program": how["program"]}
+    check_places(inputs, places, json=as_json, renews="-m")
     with ProgressPrinter() as progress:
         progress("reading")
         drives, _ = any_machine(machine)

@@ -16,7 +16,7 @@ from ph_post.cli import options
 @options.dialect
 @click.option(
     "--tolerance",
-    type=options.positive,
+    type=options.close,
     default=1e-6,
     show_default=True,
     metavar="MM",
@@ -87,7 +87,7 @@ def command(
     from ph_post.units import MM
 
     options.require_two_sources(a, b)
-    check_places({"A": a, "B": b}, {"--html": html, "--plot": plot}, json=as_json)
+    check_places({"A": a, "B": b, "-m": machine}, {"--html": html, "--plot": plot}, json=as_json)
     products: dict[str, Content] = {}
     with ProgressPrinter() as progress:
         found = ph.diff(a, b, machine, tolerance=tolerance * MM, dialect=dialect, progress=progress)

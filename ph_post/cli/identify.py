@@ -118,7 +118,7 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
     from ph_post.units import MM
 
     inputs = {"LOG": source, "-m": machine, "--program": how["program"]}
-    check_places(inputs, {"-o": output, "--plot": plot}, json=as_json)
+    check_places(inputs, {"-o": output, "--plot": plot}, json=as_json, renews="-m")
     with ProgressPrinter() as progress:
         progress("reading")
         drives = None if machine is None else any_machine(machine)[0]

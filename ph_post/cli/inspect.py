@@ -54,7 +54,7 @@ def command(
     from ph_post.report.tables import print_inspection, print_json
     from ph_post.report.views import inspection_view
 
-    check_places({"IN": source}, {"--plot": plot}, json=as_json)
+    check_places({"IN": source, "-m": machine}, {"--plot": plot}, json=as_json)
     products: dict[str, Content] = {}
     with ProgressPrinter() as progress:
         found = ph.inspect(source, machine, certify=certify, progress=progress, **options.in_si(how))

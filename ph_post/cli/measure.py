@@ -47,7 +47,7 @@ NO_MORE = "a line, empty where there is nothing more"
 @click.option("--swing", type=options.positive, metavar="MM", help="Way from a place to beyond it, of --dial. [0.5]")
 @click.option(
     "--unit",
-    type=click.Choice(["mm", "um", "inch"]),
+    type=options.Word(["mm", "um", "inch"]),
     help="Unit of the readings of --dial, --cut and of those that are asked for. [mm]",
 )
 @click.option(
@@ -105,7 +105,7 @@ def command(
     """
     import ph_post as ph
     from ph_post.api.inputs import any_machine
-    from ph_post.cli.outputs import refuse_existing
+    from ph_post.cli.outputs import check_places, refuse_existing
     from ph_post.files.storage import write_atomically
     from ph_post.report.measurements import measurement_lines, measurement_view
     from ph_post.report.tables import print_json
@@ -121,6 +121,8 @@ def command(
         raise click.UsageError("--cut, --size and --tool go together")
     if as_json and output == "-":
         raise click.UsageError("--json takes standard output; give -o a file")
+    inputs = {"READINGS": source, "-m": machine, **{f"--ball-bar {file}": file for file in ball_bar}}
+    check_places(inputs, {"-o": output}, json=as_json, renews="-m")
     if output is not None:
         refuse_existing(output, force)
     drives, _ = any_machine(machine)

@@ -55,7 +55,9 @@ def choose_target(source: str, how: Mapping[str, Any]) -> Target | None:
     return Target(program=source, backup=f"{source}{how['backup']}" if how["backup"] else None)
 
 
-def check_places(inputs: Mapping[str, str | None], products: Mapping[str, str | None], *, json: bool) -> None:
+def check_places(
+    inputs: Mapping[str, str | None], products: Mapping[str, str | None], *, json: bool, renews: str = ""
+) -> None:
     """Refuse two inputs or two products in one place, a product in place of an input, and a place that is none.
 
     Before the work is done: nobody waits for a result that cannot be written.
@@ -63,9 +65,11 @@ def check_places(inputs: Mapping[str, str | None], products: Mapping[str, str | 
     Parameters
     ----------
     inputs, products : mapping
-        What was named, by its option; None where nothing was. The machine file alone may be written over.
+        What was named, by its option; None where nothing was.
     json : bool
         Whether standard output is taken by the object.
+    renews : str
+        The input that -o may write over, as it is a newer one of the same kind.
 
     Raises
     ------
@@ -88,7 +92,8 @@ def check_places(inputs: Mapping[str, str | None], products: Mapping[str, str | 
         if name == STDIO:
             continue
         for other, read in inputs.items():
-            if read not in (None, STDIO) and other != "-m" and place == os.path.realpath(str(read)):
+            renewed = option == "-o" and other == renews
+            if read not in (None, STDIO) and not renewed and place == os.path.realpath(str(read)):
                 raise click.UsageError(f"{option} would write over {other} ({name})")
         check_place(name)
 

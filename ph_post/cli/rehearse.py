@@ -74,7 +74,8 @@ def command(
     from ph_post.report.rehearsals import draw_rehearsal, rehearsal_lines, rehearsal_view
     from ph_post.report.tables import print_json
 
-    check_places({"PROGRAM": program, "--against": against}, {"--log": log, "--plot": plot}, json=as_json)
+    inputs = {"PROGRAM": program, "--against": against, "-m": machine}
+    check_places(inputs, {"--log": log, "--plot": plot}, json=as_json)
     options.require_two_sources(against, program)
     products: dict[str, Content] = {}
     with ProgressPrinter() as progress:

@@ -78,7 +78,8 @@ def command(
     from ph_post.report.tables import print_json
 
     page = output or (None if as_json or plot is not None else "-")
-    check_places({"IN": source, "OTHER": other}, {"-o": page, "--plot": plot}, json=as_json)
+    inputs = {"IN": source, "OTHER": other, "-m": machine, "--program": how["program"]}
+    check_places(inputs, {"-o": page, "--plot": plot}, json=as_json)
     with ProgressPrinter() as progress:
         made = _made(source, other, machine, how, progress)
         products: dict[str, str | bytes] = {}

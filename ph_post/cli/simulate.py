@@ -18,12 +18,12 @@ from ph_post.cli import options
 @options.carrier
 @click.option(
     "--pickup",
-    type=click.Choice(["standstill", "momentum", "contact"]),
+    type=options.Word(["standstill", "momentum", "contact"]),
     help="Pick-up rule in place of that of the machine file.",
 )
 @click.option(
     "--flank",
-    type=click.Choice(["+", "-"]),
+    type=options.Word(["+", "-"]),
     help="Way in which all axes moved last before the start, in place of that of the machine file.",
 )
 @click.option("--log", metavar="OUT.csv", help="Write commanded and executed motion; - for standard output.")
@@ -81,7 +81,7 @@ def command(
     from ph_post.report.simulations import simulation_lines, simulation_view
     from ph_post.report.tables import print_json
 
-    check_places({"IN": source}, {"--log": log, "--plot": plot}, json=as_json)
+    check_places({"IN": source, "-m": machine, "--path": path_file}, {"--log": log, "--plot": plot}, json=as_json)
     products: dict[str, Content] = {}
     with ProgressPrinter() as progress:
         found = ph.simulate(

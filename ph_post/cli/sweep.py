@@ -129,7 +129,7 @@ def command(
     from ph_post.report.figures import draw_intervals, write_figure
     from ph_post.report.tables import print_json
 
-    check_places({"JOB": source}, {"-o": output, "--plot": plot}, json=as_json)
+    check_places({"IN": source, "-m": machine}, {"-o": output, "--plot": plot}, json=as_json)
     with ProgressPrinter() as progress:
         table = ph.sweep(
             machine,

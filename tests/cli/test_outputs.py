@@ -1,13 +1,17 @@
 """Where `convert` puts a program: beside the original, in its place, with a backup that is never lost."""
 
+import shlex
+import shutil
 from pathlib import Path
 
 import click
 import pytest
 
+from ph_post.cli.main import main
 from ph_post.cli.outputs import Target, choose_target, products_of
 from ph_post.errors import InputError
 
+ROOT = Path(__file__).resolve().parents[2]
 NOTHING = {"output": None, "suffix": None, "in_place": False, "backup": None}
 
 
@@ -66,3 +70,36 @@ def test_a_backup_never_overwrites_another(tmp_path):
     with pytest.raises(InputError, match="holds something else"):
         products_of(target, b"new", b"compensated before")
     assert products_of(target, b"new", b"the only original")[str(place)] == b"the only original"
+
+
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [
+        ("convert part.ngc -m m.toml -o m.toml", "-m"),
+        ("convert part.ngc -m stepper -o t.tbl --expand --tool-table t.tbl", "--tool-table"),
+        ("convert part.ngc -m stepper -o t.tbl --expand --parameters t.tbl", "--parameters"),
+        ("convert oval.json -m mill --table oval.csv --interval-table oval.csv", "--interval-table"),
+        ("convert oval.json -m m.toml -o ./m.toml", "-m"),
+        ("simulate oval.json -m m.toml --log m.toml", "-m"),
+        ("simulate table.csv -m mill --path oval.json --log oval.json", "--path"),
+        ("report part.ngc -m m.toml -o m.toml", "-m"),
+        ("diff part.ngc part.ngc -m m.toml --html m.toml", "-m"),
+        ("sweep oval.json -m mill --beta 1 --gain 1e7 -o oval.json", "IN"),
+        ("sweep -m m.toml --beta 1 --gain 1e7 -o m.toml", "-m"),
+        ("diagnose log.csv -m m.toml --html m.toml", "-m"),
+        ("machine measure r.toml -m m.toml --force -o r.toml", "READINGS"),
+        ("machine measure -m m.toml --ball-bar a.csv --ball-bar log.csv --force -o log.csv", "--ball-bar log.csv"),
+    ],
+)
+def test_nothing_is_written_over_what_is_read(command, option, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "samples" / "machines" / "stepper.toml", "m.toml")
+    shutil.copy(ROOT / "paths" / "oval.json", "oval.json")
+    for name in ("part.ngc", "t.tbl", "table.csv", "oval.csv", "log.csv", "a.csv", "r.toml"):
+        Path(name).write_text("G21 G90\nG1 X1 F100\nM2\n")
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    assert main(shlex.split(command)) == 2
+    said = capsys.readouterr()
+    assert (said.out, said.err.count("\n")) == ("", 1)
+    assert f" would write over {option} (" in said.err
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
