@@ -1,6 +1,6 @@
 """Backlash compensation of CNC toolpaths by localized feedrate modulation.
 
-The method is that of [1]_; the code map in README.md follows one turning point through the package. Everything
+The method is that of [1]_; docs/architecture.md follows one reversal through the package. Everything
 listed in ``__all__`` is the public interface; it is loaded when it is first used.
 
 References

@@ -33,9 +33,10 @@ HEAD = """\
 
 # Commands
 
-The help page of every command. All of them take `-h`, `--help`, `--json` (one JSON
-object on standard output and nothing else there; what does not exist is `null`) and `--debug` (a traceback
-where something goes wrong). Lengths are in mm, feeds in mm/min, times in s; `-` is standard input or output.
+The help page of every command. All of them take `-h`, `--help` and `--debug` (a traceback
+where something goes wrong), and all but `filter`, `slicer` and `freecad` take `--json` (one JSON object on
+standard output and nothing else there; what does not exist is `null`). Lengths are in mm, feeds in mm/min,
+times in s; `-` is standard input or output.
 Exit status, where a command says nothing else: 0 done, or no difference; 1 a difference found, a check failed
 or a target missed; 2 bad usage or bad input, reported in one line on standard error; 130 interrupted.
 """
