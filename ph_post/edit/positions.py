@@ -236,7 +236,9 @@ def placed_once(rows: Array, restarts: list[Restart], moving: BoolArray, column:
     more = []
     for one in restarts:
         brought = one.first + np.flatnonzero(moving[one.first : one.rapid[column] + 1])
-        if brought.size and not one.late and one.chain not in turning:
-            more.append(_change(int(brought[-1]), sign, float(one.chain), carried=False, beyond=True))
+        if moving.any() and not one.late and one.chain not in turning:
+            # It may be named where it stands already, on whichever side.
+            motion = int(brought[-1]) if brought.size else one.rapid[column]
+            more.append(_change(motion, sign, float(one.chain), carried=False, beyond=True))
     places = np.searchsorted(rows[:, MOTION], [row[MOTION] for row in more], side="right")
     return np.insert(rows, places, more, axis=0) if more else rows
