@@ -23,6 +23,7 @@ from ph_post.diagnose.search import (
     PRICE,
     HypothesisSearch,
     ScoredHypothesis,
+    at_file,
     at_floor,
     does_enough,
     explains,
@@ -117,8 +118,16 @@ def choose(problem: AxisProblem, progress: Progress) -> ModelChoice:
     if not np.array_equal(again.fit, problem.fit):
         problem, base = again, _base(again)
     nearer = _nearer_servo(problem, base, progress)
-    if nearer is not None:
-        return _from_nearer(problem, base, nearer, progress)
+    far = None if nearer is None else _from_nearer(problem, base, nearer, progress)
+    if far is not None and _settled(far):
+        return far
+    found = _beside_file(problem, base, progress)
+    # What no name explains, beside the file's servo or another, is a matter of that servo first.
+    return found if far is None or _settled(found) else far
+
+
+def _beside_file(problem: AxisProblem, base: FittedModel, progress: Progress) -> ModelChoice:
+    """Search beside the servo of the file."""
     found = _with_seen_gap(problem, base, progress) or _choose_from(problem, base, progress)
     if base.model.origin_free or (_settled(found) and len(found.fitted.model.parts) < 2):
         return found
@@ -147,7 +156,8 @@ def _nearer_servo(problem: AxisProblem, base: FittedModel, progress: Progress) -
         for name in ("position_gain", "velocity_gain")
     )
     left = position_rms(problem, residuals(problem, rough), problem.held)
-    if far < FAR or left > NEARER * off or _left_by_filters(problem, base) < left:
+    known = problem if sides is None else replace(problem, plant=replace(problem.plant, gap=sides.width))
+    if far < FAR or left > NEARER * off or _left_by_filters(known, base) < left:
         return None
     return numbers_to(problem, rough)
 
@@ -159,7 +169,7 @@ def _left_by_filters(problem: AxisProblem, base: FittedModel) -> float:
     """
     least = math.inf
     for one in FILTERS:
-        tried = [with_part(base.model, one, start) for start in one.starts(problem, base.left)]
+        tried = [with_part(at_file(base.model), one, start) for start in one.starts(problem, base.left)]
         lefts = [position_rms(problem, residuals_of(problem, model), problem.fit) for model in tried]
         fitted = fit_model(problem, tried[int(np.argmin(lefts))], problem.fit, rounds=1)
         least = min(least, position_rms(problem, fitted.left, problem.held))
