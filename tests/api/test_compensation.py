@@ -253,11 +253,11 @@ def test_a_table_says_by_its_times_what_comes_before_the_path(part, tmp_path):
         (lambda: ph.inspect("circle", feed=-1.0), "--feed: out of range; expected a finite number > 0; got -1.0"),
         (
             lambda: ph.verify("a", "a", tolerance=-1.0),
-            "--tolerance: out of range; expected a finite number > 0; got -1.0",
+            "--tolerance: out of range; expected a finite number >= 1e-11; got -1.0",
         ),
         (
             lambda: ph.diff("a", "a", tolerance=-1.0),
-            "--tolerance: out of range; expected a finite number > 0; got -1.0",
+            "--tolerance: out of range; expected a finite number >= 1e-11; got -1.0",
         ),
     ],
 )
