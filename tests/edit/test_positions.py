@@ -246,12 +246,14 @@ def tools_with_one_hole(holes):
 
 
 @pytest.mark.parametrize("side", ["both", "-"])
-def test_a_tool_with_one_hole_comes_to_it_from_a_side_that_is_known(side):
-    text = tools_with_one_hole(HOLES[:4])
+@pytest.mark.parametrize("holes", [HOLES[:4], [HOLES[0], HOLES[0], HOLES[1], HOLES[1]]], ids=["each", "twice"])
+def test_a_tool_with_one_hole_comes_to_it_from_a_side_that_is_known(holes, side):
+    """A second tool is told to go where the axes stand already, on whichever side."""
+    text = tools_with_one_hole(holes)
     changed, result = compensated(text, machine(reference_direction=side))
     gaps = [LOST["X"], LOST["Y"]]
     # The table is half the backlash beside its motor, or where it stands on the side of the zero.
-    expected = np.array(HOLES[:4], dtype=float) + (0.5 * np.array(gaps) if side == "-" else 0.0)
+    expected = np.array(holes, dtype=float) + (0.5 * np.array(gaps) if side == "-" else 0.0)
     plain = [where(text.decode(), gaps, sides) for sides in SIDES]
     assert max(np.abs(found - expected).max() for found in plain) > 35 * UM
     for sides in SIDES:
