@@ -104,17 +104,28 @@ def compare_motions(before: ProgramMotion, after: ProgramMotion, planned: float)
 
 def _worse_sections(one: Array, other: Array) -> frozenset[int]:
     """Numbers of the sections whose errors, as of `_section_errors`, are larger than those of the original."""
-    grown = other[:-1] > WORSE * one[:-1] + SMALL
+    grown = _exceeds(other[:-1], WORSE * one[:-1] + SMALL)
     grown[:, 0] &= ~_outweighed(one, other)
     worse = grown.any(axis=1)
-    if not worse.any() and (other[-1] > WORSE * one[-1] + LEAST).any():
+    if not worse.any() and _exceeds(other[-1:], WORSE * one[-1:] + LEAST).any():
         worse = _blamed(one, other)
     return frozenset(np.flatnonzero(worse).tolist())
 
 
+def _exceeds(errors: Array, most: Array) -> BoolArray:
+    """Mask (n, 3) of the largest, the rms and the percentile of errors (n, 4) that are above the most allowed.
+
+    By time a percentile grows with how long the tool stops at one place, along the way with how short it is elsewhere:
+    the part has more of an error where both have grown.
+    """
+    above = errors > most
+    return np.stack([*above[:, :2].T, above[:, 2:].all(axis=1)], axis=1)
+
+
 def _worse_places(after: ProgramMotion, one: Array, other: Array, worse: frozenset[int]) -> tuple[tuple[int, int], ...]:
     """Return the motions, first and last, in which sections are worse whose largest errors alone have grown."""
-    alone = [n for n in worse if (other[n, 1:] <= one[n, 1:]).all() and other[n, 0] > WORSE * one[n, 0] + SMALL]
+    rest = np.asarray(_exceeds(other, one)[:, 1:].any(axis=1))
+    alone = [n for n in worse if not rest[n] and other[n, 0] > WORSE * one[n, 0] + SMALL]
     if not alone:
         return ()
     cut = after.cut
@@ -146,12 +157,13 @@ def _blamed(one: Array, other: Array) -> BoolArray:
     largest = other[:-1, 0] > WORSE * one[-1, 0] + LEAST
     if largest.any():
         return np.asarray(largest)
-    grown = np.maximum(other[:-1, 1] - one[:-1, 1], other[:-1, 2] - one[:-1, 2])
+    more = other[:-1] - one[:-1]
+    grown = np.maximum(more[:, 1], more[:, 2:].min(axis=1))
     return np.asarray(grown >= max(float(grown.max()), 0.0))
 
 
 def _section_errors(motion: ProgramMotion) -> list[Array]:
-    """Largest, root mean square and 95th percentile of the error of every section and of all [m], each (s + 1, 3).
+    """Largest, rms, and 95th percentile by time and along the way of each section's error, and of all [m], (s + 1, 4).
 
     The first are those of tables that stay in their backlash where nothing pushes them, then come tables that run on.
     """
@@ -169,10 +181,7 @@ def _section_errors(motion: ProgramMotion) -> list[Array]:
 
 
 def _ways(cut: FollowedCut, scenario: Scenario) -> Array:
-    """Return the ways of the rows that count [m]: how far the table goes, or its motor along the path.
-
-    By them a percentile is one of the part. By time it grows where nothing does but how long the tool stops or runs up.
-    """
+    """Return the ways of the rows that count [m]: how far the table goes, or its motor along the path."""
     way = np.abs(np.diff(cut.place, prepend=cut.place[:1]))
     for axis in cut.runs.executed(scenario).T:
         np.maximum(way, np.abs(np.diff(axis, prepend=axis[:1])), out=way)
@@ -180,16 +189,15 @@ def _ways(cut: FollowedCut, scenario: Scenario) -> Array:
 
 
 def _by_section(distance: Array, way: Array, section: IntArray, count: int) -> Array:
-    found = np.zeros((count + 1, 3))
+    found = np.zeros((count + 1, 4))
     order = np.argsort(section, kind="stable")
     edges = np.searchsorted(section[order], np.arange(count + 1))
     parts = [order[edges[n] : edges[n + 1]] for n in range(count)]
     for number, rows in enumerate([*parts, order]):
         if rows.size:
             own = distance[rows]
-            # The root mean square is over the time, as a result tells it.
             even = own[_evenly(way[rows])]
-            found[number] = own.max(), np.sqrt((own * own).mean()), np.quantile(even, 0.95)
+            found[number] = own.max(), np.sqrt((own * own).mean()), np.quantile(own, 0.95), np.quantile(even, 0.95)
     return found
 
 
