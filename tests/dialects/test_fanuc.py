@@ -114,6 +114,12 @@ def test_numbers_without_a_point_count_in_the_increments_of_the_control(dialect,
     np.testing.assert_allclose(program.motions.center[-1] * 1e3, [15000 * step, 5 * point + 2500 * step], rtol=1e-12)
 
 
+def test_the_last_of_two_measures_holds_beside_a_reference() -> None:
+    program = read("G91 G28 Z0. G90\nG0 X5. Y6.\nG1 X7. F100.\n")
+    assert program.notes == ()
+    assert (program.motions.end[-2:, :2] / MM).round(9).tolist() == [[5.0, 6.0], [7.0, 6.0]]
+
+
 SMALL = "G1 X25 Y-27.5\nX12.5\nX-3 Y2.\nX30. Y10.\nX12.\nX30.\n"
 
 

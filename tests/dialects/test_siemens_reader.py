@@ -369,3 +369,14 @@ def test_a_mill_s_x_is_none() -> None:
     program = _read("G17 G90 G94\nG0 X40 Y2\nG1 Y-10 F200\nX50\nM30\n")
     assert program.motions.kind.size == 3
     assert program.notes == ()
+
+
+def test_a_swivelled_plane_ends_where_cycle800_has_no_values() -> None:
+    swivel = 'CYCLE800(1,"A",0,57,0,0,0,30,0,0,0,0,0,1)'
+    program = _read(
+        f"G17 G90 G94 F100\nCYCLE800()\nG1 X1 Y0\nX2\n{swivel}\nG1 X3 Y0\nX4\nCYCLE800()\nG1 X5 Y0\nX6\nM30\n"
+    )
+    ends = (1e3 * program.motions.end[:, 0]).round(9).tolist()
+    assert ends == [1.0, 2.0, 5.0, 6.0]
+    turned = _read(f"G17 G90 G94 F100\nROT Z30\n{swivel}\nCYCLE800()\nG1 X5 Y0\nX6\nM30\n")
+    assert not turned.motions.kind.size

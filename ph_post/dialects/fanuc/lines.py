@@ -181,6 +181,9 @@ class Editor:
 
     def _modes(self) -> None:
         """Hide what moves nothing, and what changes the meaning of the moves put in words that say so."""
+        if {28.0, 30.0} & self._codes.keys() and {90.0, 91.0} <= self._codes.keys():
+            # The last of two words of a group holds, and the places on the way to a reference do not matter.
+            self._put(*min(self._codes[90.0], self._codes[91.0]))
         for code, (start, end) in self._codes.items():
             if code in _QUIET:
                 self._quiet(code, start, end)

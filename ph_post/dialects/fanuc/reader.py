@@ -201,7 +201,7 @@ def with_nurbs(program: PartProgram, nurbs: Sequence[NurbsBlocks]) -> PartProgra
 
 _ODD: Final = re.compile(
     rb"G0*[45789](?!\d)|G\d+\.\d|G10(?!\d)|G2[2356](?!\d)|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<"
-    rb"|#[^\n\r]*/|" + MACRO,
+    rb"|#[^\n\r]*/|G9[01](?!\d)[^\n\r]*G9[01](?!\d)|" + MACRO,
     re.MULTILINE,
 )
 """What a line has that RS274 reads otherwise or not at all, or may have."""

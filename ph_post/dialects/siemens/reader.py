@@ -365,7 +365,9 @@ class _Line:
 
     def _call(self, word: Word) -> None:
         group = re.sub(r"\s", "", word.text.upper())
-        if word.name in tables.FRAMES:
+        if group == "CYCLE800()":
+            self._to_basic_position(word)
+        elif word.name in tables.FRAMES:
             self._to_frame(word, tables.FRAMES[word.name])
         elif word.name not in tables.QUIET_CALLS and group not in ("FGROUP()", "FGROUP(X,Y,Z)"):
             self._refuse(word, FORGOTTEN if word.name.startswith(tables.CYCLES) else NOT_UNDERSTOOD)
@@ -377,6 +379,12 @@ class _Line:
         self.parts.append("G69" if own and alone else code if own or code != "G69" else "")
         if not (own and alone):
             self.modes.frames.add(word.name)
+        self._refuse(word)
+
+    def _to_basic_position(self, word: Word) -> None:
+        """Note that no plane is swivelled: CYCLE800 without values takes back the frames that it has set."""
+        self.modes.frames.discard(word.name)
+        self.parts.append("" if self.modes.frames else "G69")
         self._refuse(word)
 
     def _feed(self, word: Word) -> None:
@@ -524,14 +532,14 @@ def read_siemens(data: bytes, name: str, *, contours: bool = False) -> PartProgr
     turned = has_feeds_per_turn(text) and not _FEED_MODES.search(text)
     stretches, measured = find_stretches(bare), _unmeasured(bare, turned=turned)
     language = replace(XYZ_ONLY, contours=contours, fixed={FEED_MODE: 95.0} if turned else {})
-    hidden = {"DIAMON": "G68"} if _PLACED.search(text) else {}
+    hidden = {"DIAMON": "G16"} if _PLACED.search(text) else {}
     forced: dict[int, str] = {}
     while True:
         translator = Translator(computes=not stretches, forced=forced, diameters={**tables.DIAMETERS, **hidden})
         texts = _translated(whole, lines, stretches, translator)
         table, remarks = translator.rows.table(), translator.extras.remarks
         if measured is not None:
-            texts[measured] = b"G68 " + texts[measured]
+            texts[measured] = b"G16 " + texts[measured]
             remarks.setdefault(measured, Remark(what=_UNMEASURED))
         program = read_translated(data, lines, name, texts, remarks, in_place=False, language=language, words=table)
         program, refused = with_extras(program, translator.extras)

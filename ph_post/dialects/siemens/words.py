@@ -85,7 +85,7 @@ replace it; one of `CLEARING` alone leaves nothing of it (SINUMERIK ONE NC Progr
 
 CLEARING: Final = frozenset(("ROT", "SCALE", "MIRROR"))
 
-DIAMETERS: Final[Mapping[str, str]] = {"DIAMON": "G7", "DIAM90": "G68", "DIAMOF": "G8"}
+DIAMETERS: Final[Mapping[str, str]] = {"DIAMON": "G7", "DIAM90": "G16", "DIAMOF": "G8"}
 """DIAM90 has places in diameters and increments in radii, as no word of RS274 has it."""
 
 
