@@ -229,6 +229,7 @@ def _least_ways(command: Command, position: Array, known: Counterparts, reach: f
     motion, motions = np.maximum(command.segment, 0), known.program.motions
     fresh = np.append(True, np.diff(motion) != 0)
     begin = np.flatnonzero(fresh)[np.cumsum(fresh) - 1]
-    late = np.linalg.norm(position[begin] - motions.start[motion], axis=1)
+    # An axis that the program never names does not move.
+    late = np.linalg.norm(np.nan_to_num(position[begin] - motions.start[motion]), axis=1)
     follows = (motions.kind[motion] != RAPID) & (known.end > known.first)[motion] & (late <= reach)
     return np.asarray(np.where(follows, command.s - command.s[begin] - late, -np.inf))

@@ -6,12 +6,18 @@ import re
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from support.corpus import stepper
+from support.corpus_judge import Judged, compare
 
 import ph_post as ph
+from ph_post.api.compensation import compensated
+from ph_post.api.options import CompensateOptions
 from ph_post.cli.main import main
 from ph_post.dialects.reading import read_as
 from ph_post.drive.machinefile import read_machine
+from ph_post.files.storage import SourceBytes
 from ph_post.gcode.read import read_program
+from ph_post.progress import no_progress
 from ph_post.report.motion_page import motion_lines
 from ph_post.simulate.controllers.deviation import program_error
 from ph_post.simulate.controllers.run import run_program
@@ -128,3 +134,37 @@ def test_behind_a_line_that_led_elsewhere_the_way_is_not_known() -> None:
     blocks = ["L X+0 Y+0 Z+0 R0 F100", "L X+10", "FL PR+5 PA+30", "L X+0 Y+0 Z+0", "L X+5"]
     text = "\n".join(["BEGIN PGM A MM", *blocks, "END PGM A MM", ""])
     assert unknown_motions(read_as("heidenhain", text.encode(), "a.h")).tolist() == [False, False, True, False]
+
+
+def without_z(cuts: int) -> str:
+    """A laser's program: strokes that end where a way through the air passes them, and never a word of Z."""
+    lines = ["G21 G90", "G1 F3000", "G1 X10.8 Y5.3", "M3 S100", "G4 P0.1", "G1 F200", "G1 X11.2 Y5.6", "M5 S0"]
+    for x in (10.75 - 2.0 * k for k in range(cuts)):
+        strokes = (
+            [f"X{x:g} Y5.37", f"X{x:g} Y5.03"],
+            [f"X{x - 1.03:g} Y5.37", f"X{x - 0.34:g} Y5.37", f"X{x:g} Y4.69"],
+        )
+        for begin, *stroke in strokes:
+            lines += [
+                "G1 F3000",
+                f"G1 {begin}",
+                "M3 S100",
+                "G4 P0.1",
+                "G1 F200",
+                *(f"G1 {one}" for one in stroke),
+                "M5 S0",
+            ]
+    return "\n".join([*lines, "M2", ""])
+
+
+def test_a_place_is_kept_where_an_axis_is_never_named() -> None:
+    """It was lost to the way through the air, and 610 µm were measured where the table is on its path."""
+    text = without_z(4).encode()
+    source = SourceBytes(name="a.nc", stem="a", data=text)
+    made = compensated(source, stepper("grbl"), CompensateOptions(max_slowdown=0.5), "program", no_progress)
+    assert all(row.compensated == row.all > 5 for row in made.axis_reversals)
+    judged = compare(Judged("compensated", 1, 1), "grbl", text, made.program())
+    assert judged.rms is not None
+    assert judged.rms[0] > 0.01
+    assert judged.rms[1] < 0.2 * judged.rms[0]  # it counts the way through the air, too
+    assert made.after.error.max < 1e-9
