@@ -64,8 +64,8 @@ def is_doubtful(data: bytes) -> bool:
     >>> is_doubtful(b"G1 X25 Y-27.5"), is_doubtful(b"G1 X25000 Y-500"), is_doubtful(b"G1 X25. (X25)\nG4 X2")
     (True, False, False)
     """
-    found = [int(one[1]) for one in _PLACES.finditer(_NO_PLACES.sub(b" ", data))]
-    return bool(found) and max(found) < SMALL and COUNTED.encode().upper() not in data.upper()
+    digits = [len(one[1]) for one in _PLACES.finditer(_NO_PLACES.sub(b" ", data))]
+    return bool(digits) and max(digits) < len(str(SMALL)) and COUNTED.encode().upper() not in data.upper()
 
 
 class Empty(float):

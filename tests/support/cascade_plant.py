@@ -94,7 +94,8 @@ def motor_of(
     return found
 
 
-@numba.njit(cache=True)
+# Not kept on disk: workers that compile two signatures at once would take one for the other.
+@numba.njit
 def _motor_of(drive, command, coulomb, fine, against, bends):  # type: ignore[no-untyped-def]
     place = speed = total = given = 0.0
     h = PERIOD / fine
@@ -138,7 +139,7 @@ def pushed(motor: Array, gap: float, friction: float) -> Array:
     return found
 
 
-@numba.njit(cache=True)
+@numba.njit
 def _pushed(driver, rates, fine, gap, friction):  # type: ignore[no-untyped-def]
     stiff, damped, step = (2.0 * math.pi * 200.0) ** 2, 0.8 * 2.0 * math.pi * 200.0, PERIOD / fine
     at, speed, found = driver[0], 0.0, np.empty(driver.size // fine)
@@ -166,7 +167,7 @@ def two_bodies(
     return found
 
 
-@numba.njit(cache=True)
+@numba.njit
 def _two_bodies(drive, command, gap, eta, beta, damping, keeps, kept, at_motor):  # type: ignore[no-untyped-def]
     x = v = w = total = given = 0.0
     m, contact = gap / 2.0, 1
