@@ -94,8 +94,7 @@ def motor_of(
     return found
 
 
-# Not kept on disk: workers that compile two signatures at once would take one for the other.
-@numba.njit
+@numba.njit(cache=True)
 def _motor_of(drive, command, coulomb, fine, against, bends):  # type: ignore[no-untyped-def]
     place = speed = total = given = 0.0
     h = PERIOD / fine
@@ -139,7 +138,7 @@ def pushed(motor: Array, gap: float, friction: float) -> Array:
     return found
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _pushed(driver, rates, fine, gap, friction):  # type: ignore[no-untyped-def]
     stiff, damped, step = (2.0 * math.pi * 200.0) ** 2, 0.8 * 2.0 * math.pi * 200.0, PERIOD / fine
     at, speed, found = driver[0], 0.0, np.empty(driver.size // fine)
@@ -163,20 +162,20 @@ def two_bodies(
 ) -> Array:
     """Step a motor and a table a gap apart, the position loop closed over the table; damping in 1/s of the whole."""
     keeps, at_motor, kept = rule == "contact", side == "motor", 0.0 if rule == "standstill" else 1.0
-    found: Array = _two_bodies(gains(drive), command, gap, eta, beta, damping, keeps, kept, at_motor)
+    found: Array = _two_bodies(gains(drive), command, gap, eta, beta, damping, keeps, kept, at_motor, FINE)
     return found
 
 
-@numba.njit
-def _two_bodies(drive, command, gap, eta, beta, damping, keeps, kept, at_motor):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True)
+def _two_bodies(drive, command, gap, eta, beta, damping, keeps, kept, at_motor, fine):  # type: ignore[no-untyped-def]
     x = v = w = total = given = 0.0
     m, contact = gap / 2.0, 1
-    h, found = PERIOD / FINE, np.zeros(command.size)
+    h, found = PERIOD / fine, np.zeros(command.size)
     own, rest = eta * beta, damping - eta * beta
     for k in range(command.size - 1):
         rate = (command[k + 1] - command[k]) / PERIOD
-        for j in range(FINE):
-            wanted = command[k] + (j + 0.5) / FINE * (command[k + 1] - command[k])
+        for j in range(fine):
+            wanted = command[k] + (j + 0.5) / fine * (command[k + 1] - command[k])
             off = drive.kv * (wanted - x) + drive.velocity * rate - (w if at_motor else v)
             total += h * off
             asked = drive.wv * (off + total / drive.tn)
