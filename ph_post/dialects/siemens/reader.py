@@ -15,14 +15,7 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.dialects.reading import (
-    FORGOTTEN,
-    NOT_UNDERSTOOD,
-    XYZ_ONLY,
-    Remark,
-    read_translated,
-    text_of,
-)
+from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, XYZ_ONLY, Remark, read_translated, text_of
 from ph_post.dialects.siemens import words as tables
 from ph_post.dialects.siemens.jumps import find_stretches
 from ph_post.dialects.siemens.motions import with_extras
@@ -532,14 +525,14 @@ def read_siemens(data: bytes, name: str, *, contours: bool = False) -> PartProgr
     turned = has_feeds_per_turn(text) and not _FEED_MODES.search(text)
     stretches, measured = find_stretches(bare), _unmeasured(bare, turned=turned)
     language = replace(XYZ_ONLY, contours=contours, fixed={FEED_MODE: 95.0} if turned else {})
-    hidden = {"DIAMON": "G16"} if _PLACED.search(text) else {}
+    hidden = {"DIAMON": tables.UNREAD_MEASURE} if _PLACED.search(text) else {}
     forced: dict[int, str] = {}
     while True:
         translator = Translator(computes=not stretches, forced=forced, diameters={**tables.DIAMETERS, **hidden})
         texts = _translated(whole, lines, stretches, translator)
         table, remarks = translator.rows.table(), translator.extras.remarks
         if measured is not None:
-            texts[measured] = b"G16 " + texts[measured]
+            texts[measured] = tables.UNREAD_MEASURE.encode() + b" " + texts[measured]
             remarks.setdefault(measured, Remark(what=_UNMEASURED))
         program = read_translated(data, lines, name, texts, remarks, in_place=False, language=language, words=table)
         program, refused = with_extras(program, translator.extras)

@@ -85,7 +85,10 @@ replace it; one of `CLEARING` alone leaves nothing of it (SINUMERIK ONE NC Progr
 
 CLEARING: Final = frozenset(("ROT", "SCALE", "MIRROR"))
 
-DIAMETERS: Final[Mapping[str, str]] = {"DIAMON": "G7", "DIAM90": "G16", "DIAMOF": "G8"}
+UNREAD_MEASURE: Final = "G16"
+"""A frame in which no motion is read, and which no word of a Siemens program ends."""
+
+DIAMETERS: Final[Mapping[str, str]] = {"DIAMON": "G7", "DIAM90": UNREAD_MEASURE, "DIAMOF": "G8"}
 """DIAM90 has places in diameters and increments in radii, as no word of RS274 has it."""
 
 
