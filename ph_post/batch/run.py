@@ -21,7 +21,7 @@ from ph_post.batch.folder import BatchPlan, BatchTask, plan_batch
 from ph_post.batch.page import batch_page
 from ph_post.batch.rows import BatchRow, Status, csv_text, one_line, parquet_content, read_rows
 from ph_post.batch.work import BatchJob, convert_job, ready, warm_up
-from ph_post.batch.workers import LostJobError, Workers, cores, open_workers
+from ph_post.batch.workers import Bundling, LostJobError, Workers, cores, open_workers
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.dialects.declaration import is_written_here
 from ph_post.errors import InputError, OptionsError, PhPostError
@@ -278,7 +278,8 @@ class _Run:
         with self._ready() as workers:
             self._open_report()
             clock = _Clock(len(self._left), self._progress)
-            for number, outcome in workers.run(convert_job, self._jobs(), self._progress):
+            bundling = Bundling[BatchJob](len(self._left), lambda job: len(job.source.data))
+            for number, outcome in workers.run(convert_job, self._jobs(), self._progress, bundling):
                 task, key = self._sent.pop(number)
                 if isinstance(outcome, LostJobError):
                     self._take(self._refused(task, str(outcome), "failed"))

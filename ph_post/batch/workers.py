@@ -12,9 +12,9 @@ import tempfile
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from multiprocessing import resource_tracker
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, TypeVar
 
 from ph_post.errors import InputError, PhPostError
 from ph_post.progress import Progress, no_progress
@@ -30,7 +30,15 @@ PATIENCE: Final = 10.0
 """How long a scheduler may take to answer [s]."""
 
 AHEAD: Final = 3
-"""Jobs that are handed out for each worker: one that it works on, one that it has, and one that waits for it."""
+"""Bundles that are handed out for each worker: one that it works on, one that it has, and one that waits for it."""
+
+BUNDLE_JOBS: Final = 16
+BUNDLE_BYTES: Final = 100_000
+BUNDLE_TIME: Final = 2.0
+"""Jobs and bytes that a bundle has at most, and the time after which a worker begins no further job of it [s].
+
+Handing out and taking back costs as much for many small jobs as for one. A large job goes alone.
+"""
 
 SETTINGS: Final = {
     "logging": {"distributed": "critical"},
@@ -63,6 +71,13 @@ class WorkersError(PhPostError):
 def cores() -> int:
     """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Bundling(NamedTuple, Generic[J]):
+    """How small jobs are bundled: the number of jobs, and what each adds to a bundle's size [bytes]."""
+
+    jobs: int
+    size: Callable[[J], int]
 
 
 class Workers:
@@ -130,7 +145,11 @@ class Workers:
             raise WorkersError(f"{self._place}: workers die of the first small program; is there memory?") from None
 
     def run(
-        self, function: Callable[[J], R], jobs: Iterable[tuple[K, J]], progress: Progress = no_progress
+        self,
+        function: Callable[[J], R],
+        jobs: Iterable[tuple[K, J]],
+        progress: Progress = no_progress,
+        bundling: Bundling[J] | None = None,
     ) -> Iterator[tuple[K, R | LostJobError]]:
         """Run a function on jobs, and yield what it gives as it comes, with the job's name.
 
@@ -144,6 +163,8 @@ class Workers:
         jobs : iterable of (name, job)
         progress : callable, optional
             Called where there is no worker.
+        bundling : Bundling, optional
+            How several jobs are handed out at once, by default one by one.
 
         Yields
         ------
@@ -157,45 +178,45 @@ class Workers:
         """
         from distributed import KilledWorker, as_completed
 
-        waiting, suspects, more = iter(jobs), deque[tuple[K, J]](), True
-        running: dict[Future[R], tuple[K, J]] = {}
+        waiting, suspects = _Waiting(jobs, bundling), deque[tuple[K, J]]()
+        running: dict[Future[list[R]], list[tuple[K, J]]] = {}
         done = as_completed([], loop=self._client.loop)
         try:
-            while more or running or suspects:
+            while waiting.more or running or suspects:
                 workers = self.count
                 if not workers:
                     progress(f"waiting for a worker of {self._place}")
-                while more and len(running) < AHEAD * max(workers, 1):
-                    one = next(waiting, None)
-                    more = one is not None
-                    if one is not None:
-                        running[self._handed_out(function, one[1], done)] = one
+                most = AHEAD * max(workers, 1)
+                while waiting.more and len(running) < most:
+                    if bundle := waiting.take(most):
+                        running[self._handed_out(function, bundle, done)] = bundle
                 alone = not running and bool(suspects)
                 if alone:
-                    one = suspects.popleft()
-                    running[self._handed_out(function, one[1], done)] = one
+                    bundle = [suspects.popleft()]
+                    running[self._handed_out(function, bundle, done)] = bundle
                 if not running:
                     continue
                 future = next(done)
-                one = running.pop(future)
+                bundle = running.pop(future)
                 try:
                     with self._refusals():
-                        found: R | LostJobError = future.result()
+                        found: list[R | LostJobError] = list(future.result())
                 except KilledWorker:
                     if not alone:  # it may be another's fault that waited beside it
-                        suspects.append(one)
+                        suspects.extend(bundle)
                         continue
-                    found = LostJobError("several workers died of it; one with more memory may not")
+                    found = [LostJobError("several workers died of it; one with more memory may not")]
                 finally:
                     future.release()
-                yield one[0], found
+                waiting.give_back(bundle[len(found) :])
+                yield from zip((name for name, _ in bundle), found, strict=False)
         finally:
             with contextlib.suppress(Exception):
                 self._client.cancel(list(running), force=True)
 
-    def _handed_out(self, function: Callable[[J], R], job: J, done: Any) -> Future[R]:
+    def _handed_out(self, function: Callable[[J], R], bundle: list[tuple[K, J]], done: Any) -> Future[list[R]]:
         with self._refusals():
-            future = self._client.submit(function, job, pure=False)
+            future = self._client.submit(_work_through, function, [job for _, job in bundle], pure=False)
         done.add(future)
         return future
 
@@ -217,6 +238,59 @@ class Workers:
         except Exception as error:
             gone = f"{self._place}: the scheduler is not there any more ({type(error).__name__})"
             raise WorkersError(f"{gone}; the same command goes on where it stopped") from None
+
+
+class _Waiting(Generic[K, J]):
+    """Jobs that are still to be handed out, in bundles.
+
+    Parameters
+    ----------
+    jobs : iterable of (name, job)
+    bundling : Bundling, optional
+    """
+
+    def __init__(self, jobs: Iterable[tuple[K, J]], bundling: Bundling[J] | None) -> None:
+        self._jobs, self._bundling = iter(jobs), bundling
+        self._left = 0 if bundling is None else bundling.jobs
+        self._again = deque[tuple[K, J]]()
+        self.more = True
+
+    def take(self, places: int) -> list[tuple[K, J]]:
+        """Return the next bundle: no more jobs than leave some for other places, so that all end at about one time."""
+        most = min(BUNDLE_JOBS, max(1, self._left // (2 * places)))
+        bundle: list[tuple[K, J]] = []
+        room = BUNDLE_BYTES
+        while len(bundle) < most and (one := self._next()) is not None:
+            room -= 0 if self._bundling is None else self._bundling.size(one[1])
+            if bundle and room < 0:
+                self._again.appendleft(one)
+                break
+            bundle.append(one)
+        self._left -= len(bundle)
+        return bundle
+
+    def _next(self) -> tuple[K, J] | None:
+        if self._again:
+            return self._again.popleft()
+        one = next(self._jobs, None)
+        self.more = one is not None
+        return one
+
+    def give_back(self, bundle: Sequence[tuple[K, J]]) -> None:
+        """Take back what a worker had no time for; it is handed out next."""
+        self._again.extendleft(reversed(bundle))
+        self._left += len(bundle)
+        self.more = self.more or bool(bundle)
+
+
+def _work_through(function: Callable[[J], R], jobs: Sequence[J]) -> list[R]:
+    """Return what a function gives of jobs, from the first to that in which the time for a bundle ends."""
+    begin, found = time.monotonic(), list[R]()
+    for job in jobs:
+        found.append(function(job))
+        if time.monotonic() - begin >= BUNDLE_TIME:
+            break
+    return found
 
 
 @contextlib.contextmanager

@@ -39,7 +39,7 @@ class Here:
     def on_each_computer(self, *_):
         """Nothing has to be compiled."""
 
-    def run(self, function, jobs, progress=None):
+    def run(self, function, jobs, progress=None, bundling=None):
         for number, (name, job) in enumerate(jobs):
             if number == self.stop_after:
                 raise KeyboardInterrupt

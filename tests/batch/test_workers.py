@@ -15,7 +15,7 @@ from distributed import system
 from support.pipelines import heeding_interrupts
 
 from ph_post.batch import workers as module
-from ph_post.batch.workers import LostJobError, WorkersError, open_workers
+from ph_post.batch.workers import Bundling, LostJobError, WorkersError, open_workers
 from ph_post.cli.main import main
 
 ROOT = Path(__file__).parents[2]
@@ -209,10 +209,11 @@ def test_a_scheduler_that_is_not_there_is_one_line(tmp_path, capsys, monkeypatch
 
 
 @pytest.mark.slow
-def test_a_job_that_ends_its_worker_is_given_up_and_the_others_are_not():
+@pytest.mark.parametrize("bundling", [None, Bundling(90, len)], ids=["one by one", "in bundles"])
+def test_a_job_that_ends_its_worker_is_given_up_and_the_others_are_not(bundling):
     jobs = [("deadly", "__import__('os')._exit(1)"), *((number, f"{number} + 1") for number in range(8))]
     with open_workers(1) as workers:
-        found = dict(workers.run(eval, jobs))
+        found = dict(workers.run(eval, jobs, bundling=bundling))
         assert isinstance(found.pop("deadly"), LostJobError)
         assert found == {number: number + 1 for number in range(8)}
         with pytest.raises(WorkersError, match="same ph-post everywhere"):
@@ -226,6 +227,40 @@ def test_a_job_that_takes_more_memory_than_its_share_is_given_up(monkeypatch):
         found = dict(workers.run(list, [("small", range(3)), ("large", range(300_000_000))]))
     assert found["small"] == [0, 1, 2]
     assert isinstance(found["large"], LostJobError)
+
+
+@pytest.mark.slow
+def test_what_a_worker_has_no_time_for_is_handed_out_again():
+    jobs = [(number, 0.7) for number in range(7)]
+    with open_workers(1) as workers:
+        found = list(workers.run(time.sleep, jobs, bundling=Bundling(96, lambda _: 1)))
+    assert sorted(found) == [(number, None) for number in range(7)]
+
+
+def bundles(sizes, places=1):
+    jobs = [(number, b"." * size) for number, size in enumerate(sizes)]
+    waiting = module._Waiting(jobs, Bundling(len(jobs), len))
+    while waiting.more:
+        yield [name for name, _ in waiting.take(places)]
+
+
+def test_small_jobs_go_in_bundles_and_large_ones_alone():
+    sizes = [*[2 * module.BUNDLE_BYTES] * 2, *[module.BUNDLE_BYTES // 2] * 4, *[10] * 200]
+    found = list(bundles(sizes))
+    assert [name for bundle in found for name in bundle] == list(range(len(sizes)))
+    assert found[:4] == [[0], [1], [2, 3], [4, 5]]
+    assert [len(bundle) for bundle in found[4:10]] == [module.BUNDLE_JOBS] * 6
+    assert found[-2:] == [[205], []]
+
+
+def test_few_jobs_are_shared_out_among_the_workers():
+    assert [len(bundle) for bundle in bundles([10] * 12, places=6)] == [1] * 12 + [0]
+
+
+def test_a_bundle_ends_with_its_time(monkeypatch):
+    assert module._work_through(abs, [-1, -2]) == [1, 2]
+    monkeypatch.setattr(module, "BUNDLE_TIME", 0.0)
+    assert module._work_through(abs, [-1, -2]) == [1]
 
 
 def _raises(_job):
