@@ -12,8 +12,9 @@ from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
 from ph_post.expand.macro import FanucNumbers, is_doubtful
 from ph_post.expand.tools import ToolShape, tools_of_table
-from ph_post.expand.writing import EXPANDED, Written
+from ph_post.expand.writing import EXPANDED, Spoken, Written
 from ph_post.files.storage import SourceBytes, read_source, require_folder
+from ph_post.gcode.numbers import masked
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
 from ph_post.gcode.words import lines_of
@@ -62,23 +63,23 @@ def expanded_job(
     lines_of(job.data, job.name)
     folders = Folders(_folders(job.name, options.subprograms))
     try:
-        fanuc = None
+        language: Spoken = "linuxcnc"
         if base == "fanuc":
-            fanuc = FanucNumbers(
+            language = FanucNumbers(
                 decimals=4 if "isc" in dialect else 3,
                 calculator="calculator" in dialect,
-                doubtful=is_doubtful(job.data),
+                doubtful=is_doubtful(job.data, masked(job.data)),
                 clearance=None if options.peck_clearance is None else options.peck_clearance / MM,
                 lathe="lathe" in dialect,
             )
+        elif base in ("siemens", "heidenhain"):
+            language = base
         inches = options.controller_units == "inch"
         found = expand(
             job.data,
             job.name,
             folders,
-            fanuc=fanuc,
-            sinumerik=base == "siemens",
-            klartext=base == "heidenhain",
+            language=language,
             parameters=parameters,
             tools=tools,
             inches=inches,
@@ -195,9 +196,7 @@ def _again(original: PartProgram, kept: Written) -> bytes | None:
             original.data,
             original.name,
             folders,
-            fanuc=kept.fanuc,
-            sinumerik=kept.sinumerik,
-            klartext=kept.klartext,
+            language=kept.language,
             parameters=kept.parameters,
             tools=kept.tools,
             inches=kept.inches,

@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from ph_post.simulate.controllers.chords import limits_along
+from ph_post.simulate.controllers.exact_path import block_times
 from ph_post.simulate.controllers.junctions import junction_speed
 from ph_post.simulate.controllers.moves import limit_table
 from ph_post.types import Array, BoolArray, Machine
@@ -110,7 +111,6 @@ def _ramp(way: Array, slow: Array, fast: Array, push: Array) -> Array:
 
 def _between(way: Array, first: Array, last: Array, most: Array, push: Array) -> Array:
     """Time [s] of a way that begins and ends at two speeds, as fast as may be in between."""
-    top = np.minimum(most, np.sqrt(0.5 * (first**2 + last**2) + push * way))
-    top = np.maximum(top, np.maximum(first, last))
-    ramps = (2.0 * top**2 - first**2 - last**2) / (2.0 * push)
-    return np.asarray((2.0 * top - first - last) / push + np.maximum(way - ramps, 0.0) / top)
+    reached = np.minimum(most**2, 0.5 * (first**2 + last**2) + push * way)
+    square = np.stack([first**2, np.maximum(reached, np.maximum(first, last) ** 2), last**2], axis=1)
+    return np.asarray(block_times(square, way, push).sum(axis=1))

@@ -22,7 +22,7 @@ from ph_post.expand.run import ProgramRunner
 from ph_post.expand.sinumerik import SinumerikRunner
 from ph_post.expand.tools import ToolShape
 from ph_post.expand.turning import is_turned
-from ph_post.expand.writing import DECIMALS, EXPANDED, Written, head_line
+from ph_post.expand.writing import DECIMALS, EXPANDED, Spoken, Written, head_line
 from ph_post.gcode.numbers import COMMENT, SEMICOLON, Comments
 
 _NEEDED: Final = re.compile(
@@ -48,6 +48,8 @@ _CONVERSATIONAL: Final = re.compile(
     rb"\bCALL\s+LBL|GOTO\b|CYCL\s+CALL|Q[LR]?\d|M\s*99(?!\d)|\b(?:RND|CHF|LP|CT)\b", re.IGNORECASE
 )
 """What a conversational program of Heidenhain that computes has somewhere."""
+
+_COMPUTING: Final = {"linuxcnc": _NEEDED, "siemens": _STRUCTURED, "heidenhain": _CONVERSATIONAL}
 
 _TOP: Final = re.compile(r"\s*(?:%|;\$PATH=|[Oo:]\s*\d+\s*(?:\(.*)?$|(?:\d+\s+)?BEGIN\s+PGM\b)", re.IGNORECASE)
 """Lines that have to stand first."""
@@ -117,9 +119,7 @@ def expand(
     name: str,
     folders: Folders | None = None,
     *,
-    fanuc: FanucNumbers | None = None,
-    sinumerik: bool = False,
-    klartext: bool = False,
+    language: Spoken = "linuxcnc",
     parameters: Mapping[int, float] | None = None,
     tools: Mapping[int, ToolShape] | None = None,
     inches: bool = False,
@@ -133,14 +133,11 @@ def expand(
         For messages.
     folders : Folders, optional
         Where subprograms are that are files of their own.
-    fanuc : FanucNumbers, optional
-        How a control of Fanuc counts: M98 and M99, G65, the statements of custom macro B, cycles and turned coordinates
-        are written out, and what stands behind the end of the main program stays. Without it: LinuxCNC's language.
-    sinumerik : bool
-        Whether the language is that of Siemens: R parameters, repeats, loops, choices and jumps are written out.
-    klartext : bool
-        Whether it is a conversational program of Heidenhain: Q parameters, jumps, labels and drilling cycles are
-        written out.
+    language : {"linuxcnc", "siemens", "heidenhain"} or FanucNumbers
+        Of Siemens R parameters, repeats, loops, choices and jumps are written out; of Heidenhain's conversational
+        programs Q parameters, jumps, labels and drilling cycles; of Fanuc, by how its control counts, M98 and M99, G65,
+        the statements of custom macro B, cycles and turned coordinates, and what stands behind the end of the main
+        program stays.
     parameters : mapping of int to float, optional
         The controller's own file of parameters, for LinuxCNC.
     tools : mapping of int to ToolShape, optional
@@ -163,27 +160,29 @@ def expand(
     >>> found = expand(b"o1 sub\nG1 X#1 F60\no1 endsub\nG21 G90\no1 call [2*3]\nM2\n", "a.ngc")
     >>> found.data.split(b"\n")[1:4]
     [b'G21 G90', b'G1 X6 F60', b'M2']
-    >>> found = expand(b"O1\nG21 M98 P2 L2\nM30\nO2\n#1=#1+2.5\nG91 G1 X#1\nM99\n", "a.nc", fanuc=FanucNumbers())
+    >>> found = expand(b"O1\nG21 M98 P2 L2\nM30\nO2\n#1=#1+2.5\nG91 G1 X#1\nM99\n", "a.nc", language=FanucNumbers())
     >>> found.data.split(b"\n")[2:7]
     [b'G21', b'G91 G1 X2.5', b'G91 G1 X5.', b'M30', b'O2']
     """
-    lathe = fanuc is not None and (fanuc.lathe or is_turned(data))
-    pattern = _CONVERSATIONAL if klartext else _STRUCTURED if sinumerik else _NEEDED if fanuc is None else _MACRO
-    bare = COMMENT.sub(b"", data)
+    fanuc, bare = language if isinstance(language, FanucNumbers) else None, COMMENT.sub(b"", data).upper()
+    lathe = fanuc is not None and (fanuc.lathe or is_turned(data, bare))
+    pattern = _MACRO if isinstance(language, FanucNumbers) else _COMPUTING[language]
     if EXPANDED.first(data) >= 0 or not (pattern.search(bare) or (lathe and _TURNED.search(bare))):
         return Expansion(data=data)
     folders, source = folders or Folders(), Source(name, data.decode("latin-1"))
-    if sinumerik:
+    corners: IsoCorners | KlartextCorners | None = None
+    if fanuc is not None:
+        found = _fanuc(source, folders, msgspec.structs.replace(fanuc, lathe=lathe))
+        # Corners are followed in X and Y, which a lathe's are not in.
+        corners = None if lathe else IsoCorners(found.lines, fanuc)
+    elif language == "siemens":
         found = _siemens(source)
-    elif klartext:
+        corners = IsoCorners(found.lines, None)
+    elif language == "heidenhain":
         found = _heidenhain(source)
-    elif fanuc is not None:
-        found = _fanuc(source, folders, fanuc)
+        corners = KlartextCorners(found.lines)
     else:
         found = _linuxcnc(source, folders, parameters, tools or {}, inches=inches)
-    # Corners are followed in X and Y, which a lathe's are not in.
-    iso = sinumerik or (fanuc is not None and not lathe)
-    corners = KlartextCorners(found.lines) if klartext else IsoCorners(found.lines, fanuc) if iso else None
     if corners is not None:
         found = _with_corners(found, corners, name)
     if not found.changed:
@@ -192,8 +191,8 @@ def expand(
         original=data,
         digest="",
         fanuc=fanuc,
-        sinumerik=sinumerik,
-        klartext=klartext,
+        sinumerik=language == "siemens",
+        klartext=language == "heidenhain",
         files=folders.read,
         parameters=None if parameters is None else dict(parameters),
         tools=dict(tools or {}),

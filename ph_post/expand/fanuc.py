@@ -26,10 +26,11 @@ from ph_post.expand.macro import (
 )
 from ph_post.expand.progress import Progress, check_turn
 from ph_post.expand.run import Find
-from ph_post.expand.turning import has_increments_by_words, is_turned, shapes_of
+from ph_post.expand.turning import has_increments_by_words, shapes_of
 from ph_post.expand.turning_blocks import TurningBlocks
 from ph_post.expand.values import ParameterFrame
 from ph_post.gcode.codes import CALLS, M_EFFECT
+from ph_post.gcode.numbers import masked
 
 _LETTERS: Final = re.compile(r"([a-z,]*[a-z])(.*)")
 _MODAL_CALL: Final = ("66", "66.1")
@@ -66,13 +67,12 @@ class FanucRunner:
         self, source: Source, find: Find, numbers: FanucNumbers, standing: Mapping[tuple[str, int], str]
     ) -> None:
         self.store = MacroStore()
-        data = "\n".join([*source.texts, ""]).encode("latin-1")
-        lathe = numbers.lathe or is_turned(data)
+        bare = masked("\n".join([*source.texts, ""]).encode("latin-1")) if numbers.lathe else b""
         self._turned: TurningBlocks | None = None
-        if lathe and has_increments_by_words(data):
+        if numbers.lathe and has_increments_by_words(bare):
             self._turned = TurningBlocks(numbers, standing)
         self.blocks: FanucBlocks = self._turned or FanucBlocks(numbers, standing)
-        self._shapes = shapes_of(data) if lathe else []
+        self._shapes = shapes_of(bare) if numbers.lathe else []
         self._standing = standing
         self._find, self._main = find, source
         self._read: dict[tuple[str, int], MacroLine] = {}

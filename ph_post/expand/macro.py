@@ -49,22 +49,27 @@ COUNTED: Final = "lengths without a decimal point count in increments"
 """What the head of a compensated program says where that is so: its lines with such lengths may be others."""
 SMALL: Final = 1000
 """Lengths without a decimal point that are below this many increments are doubtful where all of a program are."""
-_PLACES: Final = re.compile(rb"[XYZUVWIJR][ \t]*[-+]?[ \t]*0*([1-9]\d*)(?![\d.])", re.IGNORECASE)
-_NO_PLACES: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*|G0*4(?!\d)[^\r\n]*", re.IGNORECASE)
+_PLACES: Final = re.compile(rb"G0*4(?!\d)[^\r\n]*|[XYZUVWIJR][ \t]*[-+]?[ \t]*0*([1-9]\d*)(?![\d.])")
+"""The digits of a length; what stands beside a dwell is none."""
 
 
-def is_doubtful(data: bytes) -> bool:
+def is_doubtful(data: bytes, bare: bytes) -> bool:
     r"""Return whether nobody knows from a program what its lengths without a decimal point count in.
 
     A setting of the control makes them increments or mm (parameter 3401, bit 0). Where all of them are so small that
     nothing of it moves by a millimetre in increments, whoever wrote it most likely meant mm.
 
+    Parameters
+    ----------
+    data, bare : bytes
+        The program, and the same in capitals without its comments.
+
     Examples
     --------
-    >>> is_doubtful(b"G1 X25 Y-27.5"), is_doubtful(b"G1 X25000 Y-500"), is_doubtful(b"G1 X25. (X25)\nG4 X2")
-    (True, False, False)
+    >>> [is_doubtful(text, text) for text in (b"G1 X25 Y-27.5", b"G1 X25000 Y-500", b"G1 X25.\nG4 X2")]
+    [True, False, False]
     """
-    digits = [len(one[1]) for one in _PLACES.finditer(_NO_PLACES.sub(b" ", data))]
+    digits = [len(found[1]) for found in _PLACES.finditer(bare) if found[1]]
     return bool(digits) and max(digits) < len(str(SMALL)) and COUNTED.encode().upper() not in data.upper()
 
 

@@ -29,24 +29,29 @@ _OFFSET: Final = re.compile(rb"T\d{4}(?!\d)")
 """A tool and its offset, as lathes call them."""
 
 _OWN: Final = re.compile(rb"G0*28(?!\d)[^\n\r]*U|G0*96(?!\d)")
-_COMMENT: Final = re.compile(rb"\([^)\n\r]*\)?")
 
 
-def is_turned(data: bytes) -> bool:
+def is_turned(data: bytes, bare: bytes) -> bool:
     r"""Return whether a program of Fanuc's is one of a lathe: it has words that no mill has.
 
     Those that `--expand` wrote out stand in comments, and are found there. It is one of a lathe, too, that moves X and
     Z alone, at feeds that are none a minute, or with tools called as T0101 and G28 U or G96.
 
+    Parameters
+    ----------
+    data, bare : bytes
+        The program, and the same in capitals without its comments.
+
     Examples
     --------
-    >>> is_turned(b"G50 S2500\nG96 S200 M3\n"), is_turned(b"G71 P10 Q20 U0.4 W0.1 F0.2\n")
+    >>> turned = lambda text: is_turned(text, text)
+    >>> turned(b"G50 S2500\nG96 S200 M3\n"), turned(b"G71 P10 Q20 U0.4 W0.1 F0.2\n")
     (True, True)
-    >>> is_turned(b"G0 X20. Z1.\nG1 Z-5. F0.1\n"), is_turned(b"G0 X20. Z1.\nG1 Z-5. F100.\n")
+    >>> turned(b"G0 X20. Z1.\nG1 Z-5. F0.1\n"), turned(b"G0 X20. Z1.\nG1 Z-5. F100.\n")
     (True, False)
-    >>> is_turned(b"G28 U0 W0\nT0101\nG0 X80. Z2.\n"), is_turned(b"G28 U0\nT0101\nG0 X80. Y2.\n")
+    >>> turned(b"G28 U0 W0\nT0101\nG0 X80. Z2.\n"), turned(b"G28 U0\nT0101\nG0 X80. Y2.\n")
     (True, False)
-    >>> is_turned(b"G50\nG0 X1. S2500\n"), is_turned(b"G73 X1. Z-5. R1. Q2. P100\n")
+    >>> turned(b"G50\nG0 X1. S2500\n"), turned(b"G73 X1. Z-5. R1. Q2. P100\n")
     (False, False)
     """
     text = data.upper()
@@ -54,7 +59,6 @@ def is_turned(data: bytes) -> bool:
         return True
     if b"G7" in text and any(_shape_of(found[0]) is not None for found in _CYCLE.finditer(text)):
         return True
-    bare = _COMMENT.sub(b"", text)
     if b"X" not in bare or b"Z" not in bare or b"Y" in bare:
         return False
     return (_OFFSET.search(text) is not None and _OWN.search(text) is not None) or has_feeds_per_turn(bare)
@@ -85,10 +89,11 @@ def _shape_of(line: bytes) -> tuple[int, int] | None:
     return None if first is None or last is None else (int(first[1]), int(last[1]))
 
 
-def has_increments_by_words(data: bytes) -> bool:
+def has_increments_by_words(bare: bytes) -> bool:
     r"""Return whether a lathe's program is of G code system A, in which U and W are increments and G90 is a cycle.
 
     In the systems B and C G90 and G91 say what X and Z are: they stand beside another motion, or without places.
+    `bare` is the program in capitals, without comments.
 
     Examples
     --------
@@ -97,7 +102,6 @@ def has_increments_by_words(data: bytes) -> bool:
     >>> has_increments_by_words(b"G90 G0 X5. Z1.\n"), has_increments_by_words(b"G21 G90 G95\n")
     (False, False)
     """
-    bare = _COMMENT.sub(b"", data.upper())
     for line in bare.splitlines():
         for found in _DISTANCE.finditer(line):
             if found[1] == b"1" or _GROUP_1.search(line) or not _PLACES.search(line):
@@ -105,17 +109,17 @@ def has_increments_by_words(data: bytes) -> bool:
     return True
 
 
-def shapes_of(data: bytes) -> list[tuple[int, int]]:
+def shapes_of(bare: bytes) -> list[tuple[int, int]]:
     r"""Return the first and last lines of the shapes that cycles take, from 0.
 
-    Where sequence numbers stand more than once, all stretches that they may mean.
+    Where sequence numbers stand more than once, all stretches that they may mean. `bare` is the program in capitals,
+    without comments.
 
     Examples
     --------
     >>> shapes_of(b"G71 P1 Q2 U.4 W.1\nN1 G0 X1.\nN2 G1 Z-1.\nG70 P1 Q2\n")
     [(1, 2)]
     """
-    bare = _COMMENT.sub(b"", data.upper())
     asked = {shape for found in _CYCLE.finditer(bare) if (shape := _shape_of(found[0])) is not None}
     if not asked:
         return []

@@ -7,7 +7,7 @@ import binascii
 import hashlib
 import re
 import zlib
-from typing import Final
+from typing import Final, Literal, TypeAlias
 
 import msgspec
 
@@ -21,6 +21,9 @@ DECIMALS: Final = 9
 """Decimals of lengths: what is added up in increments is off by less than 1 nm after a thousand of them."""
 
 _WIDTH: Final = 110
+
+Spoken: TypeAlias = Literal["linuxcnc", "siemens", "heidenhain"] | FanucNumbers
+"""The language that a program is written out from; of Fanuc's how its control counts."""
 
 
 def number_text(value: float, decimals: int) -> str:
@@ -40,10 +43,10 @@ def number_text(value: float, decimals: int) -> str:
 class Written(msgspec.Struct, frozen=True, kw_only=True):
     """What the comments of a program that was changed keep of it.
 
-    `original` program; `digest` of the text before the comments; `fanuc`, how its control counts, `sinumerik` or
-    `klartext`;
-    `files`, the subprograms that it called by name, so that it can be written out again; `parameters` of the
-    controller, None where none were given; `tools` that were known; `inches` says that both count in them.
+    `original` program; `digest` of the text before the comments; of its language `fanuc`, how its control counts,
+    `sinumerik` or `klartext`, as older programs keep it too; `files`, the subprograms that it called by name, so that
+    it can be written out again; `parameters` of the controller, None where none were given; `tools` that were known;
+    `inches` says that both count in them.
     """
 
     original: bytes
@@ -55,6 +58,11 @@ class Written(msgspec.Struct, frozen=True, kw_only=True):
     parameters: dict[int, float] | None = None
     tools: dict[int, ToolShape] = {}
     inches: bool = False
+
+    @property
+    def language(self) -> Spoken:
+        """The language of the program."""
+        return self.fanuc or ("siemens" if self.sinumerik else "heidenhain" if self.klartext else "linuxcnc")
 
 
 class OriginalComments(msgspec.Struct, frozen=True, kw_only=True):

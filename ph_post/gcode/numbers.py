@@ -27,6 +27,17 @@ COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 """A comment in parentheses, also one that does not end, or behind a semicolon."""
 
 
+def masked(data: bytes) -> bytes:
+    """Return a text in capitals, with blanks in the place of its comments.
+
+    Examples
+    --------
+    >>> masked(b"g1 (fast) x1. ; so")
+    b'G1        X1.     '
+    """
+    return COMMENT.sub(lambda found: b" " * len(found[0]), data).upper()
+
+
 class Comments(msgspec.Struct, frozen=True, kw_only=True):
     """Form of a comment on a line of its own.
 

@@ -46,7 +46,7 @@ TWINS = {
 
 
 def written(text, decimals=3, **how):
-    return expand(text.encode(), "a.nc", fanuc=FanucNumbers(decimals=decimals), **how).data
+    return expand(text.encode(), "a.nc", language=FanucNumbers(decimals=decimals), **how).data
 
 
 def lines_of(text, **how):
@@ -197,7 +197,7 @@ def test_cycles_and_turned_coordinates_are_what_linuxcnc_makes_of_plain_ones(nam
     fanuc, twin = texts if isinstance(texts, tuple) else (texts, texts.replace(" K3", " L3"))
     numbers = FanucNumbers(decimals=9, clearance=0.254)
     data = f"%\nO1\n{HEAD}{PLAIN}{fanuc}M30\n%\n".encode()
-    found = expand(data, "a.nc", fanuc=numbers)
+    found = expand(data, "a.nc", language=numbers)
     assert found.notes == ()
     after = interpret(found.data.replace(b"G9 ", b""))
     before = interpret(f"{HEAD}{PLAIN}{twin}M30\n".encode())
@@ -242,7 +242,7 @@ def test_only_what_is_turned_loses_its_characters():
 )
 def test_what_the_control_decides_stays_and_is_named(text, why):
     data = f"O1\n{HEAD}{PLAIN}{text}M30\n".encode()
-    found = expand(data, "a.nc", fanuc=FanucNumbers())
+    found = expand(data, "a.nc", language=FanucNumbers())
     assert found.data == data
     assert why in " ".join(found.notes)
     assert bool(found.notes) == bool(why)

@@ -15,7 +15,7 @@ def test_the_tool_goes_the_same_way(seed):
     written = 0
     for _ in range(80):
         text = random_program(rng)
-        found = expand(text.encode(), "a.nc", fanuc=FanucNumbers(decimals=9))
+        found = expand(text.encode(), "a.nc", language=FanucNumbers(decimals=9))
         lines = [line for line in found.data.decode().splitlines() if "PH-POST" not in line]
         meant, went = Player().play(text), Player().play("\n".join(lines))
         assert len(meant) == len(went), text

@@ -91,7 +91,7 @@ CALLS = (
 
 
 def written(text: str) -> str:
-    return expand(text.encode(), "a.h", klartext=True).data.decode()
+    return expand(text.encode(), "a.h", language="heidenhain").data.decode()
 
 
 def lines_of(text: str) -> list[str]:
@@ -114,7 +114,7 @@ def test_a_program_that_computes_moves_as_the_player_has_it(text: str) -> None:
     assert all(note.first > end for note in read_as("heidenhain", data, "a.h").notes)
     assert not re.search(rb"CALL LBL|GOTO|[XYZRFS+-]Q\d", data.split(b"M30")[0])
     assert before_expansion(data, "a.h") == text.encode()
-    assert expand(data, "a.h", klartext=True).data == data
+    assert expand(data, "a.h", language="heidenhain").data == data
 
 
 def test_lines_keep_their_characters_but_for_values_and_flow() -> None:
@@ -132,7 +132,7 @@ def test_lines_keep_their_characters_but_for_values_and_flow() -> None:
 @pytest.mark.parametrize("name", DRILL)
 def test_cycles_move_as_the_player_has_them(name: str) -> None:
     text = f"{HEAD}3 CYCL DEF {DRILL[name]}\n{CALLS}"
-    found = expand(text.encode(), "a.h", klartext=True)
+    found = expand(text.encode(), "a.h", language="heidenhain")
     assert found.notes == ()
     assert_same(text)
     assert not re.search(rb"M99|CYCL CALL", found.data)
@@ -161,7 +161,7 @@ def test_cycles_move_as_the_player_has_them(name: str) -> None:
 )
 def test_calls_that_stay_are_named(change: tuple[str, str], why: str) -> None:
     text = f"{HEAD}3 CYCL DEF {DRILL['pecked']}\n{CALLS}".replace(*change)
-    found = expand(text.encode(), "a.h", klartext=True)
+    found = expand(text.encode(), "a.h", language="heidenhain")
     assert why in " ".join(found.notes)
     assert re.search(rb"M99|M89", found.data)
     again = read_as("heidenhain", found.data, "a.h")
@@ -244,7 +244,7 @@ def test_what_cannot_be_written_out_is_named_with_its_line(blocks: str, line: in
     lines = ["BEGIN PGM A MM", *blocks.split("|"), "END PGM A MM"]
     text = "".join(f"{number} {block}\n" for number, block in enumerate(lines))
     with pytest.raises(ExpandError) as found:
-        expand(text.encode(), "a.h", klartext=True)
+        expand(text.encode(), "a.h", language="heidenhain")
     assert what in str(found.value.what) + found.value.got
     assert found.value.line == line
 

@@ -11,7 +11,7 @@ from ph_post.expand.expand import ExpandError, expand
 
 
 def lines_of(text):
-    data = expand(text.encode(), "a.mpf", sinumerik=True).data
+    data = expand(text.encode(), "a.mpf", language="siemens").data
     return [line for line in data.decode().splitlines() if not line.startswith("; ph-post-expand")]
 
 
@@ -52,15 +52,15 @@ after R1
         *("R3=1", "/X=2.5", "R3=2", "/X=4.5", "R3=3", "X1", "Y=3", "R2=2", "Y=2", "R2=1", "G91 G1 X=5 F=100"),
         *("N90 R1=4", "R1=3", "DONE: Z=6", 'MSG("R1=R2") CR=3 CYCLE81(R1,2)', "X=R9", "M30", "after R1"),
     ]
-    data = expand(text.encode(), "a.mpf", sinumerik=True).data
+    data = expand(text.encode(), "a.mpf", language="siemens").data
     assert data.startswith(b"%_N_PART_MPF\n;$PATH=/_N_WKS_DIR\n; ph-post-expand: ")
     assert before_expansion(data, "a.mpf") == text.encode()
-    assert expand(data, "a.mpf", sinumerik=True).data == data
+    assert expand(data, "a.mpf", language="siemens").data == data
 
 
 def test_a_program_that_computes_nothing_is_itself():
     for text in (b"G90 G1 X5 F100\nM30\n", b"ROW: X1 ; REPEAT\nM30\n", b"R1=5\nG1 X5 Y=2\nM30\n"):
-        assert expand(text, "a.mpf", sinumerik=True).data == text
+        assert expand(text, "a.mpf", language="siemens").data == text
 
 
 def test_what_needs_a_parameter_of_its_own_line_stays() -> None:
@@ -197,7 +197,7 @@ def test_random_programs_run_as_python_runs_them(seed):
 )
 def test_what_cannot_be_written_out_is_named_with_its_line(text, line, what):
     with pytest.raises(ExpandError) as found:
-        expand(f"{text}M30\n".encode(), "a.mpf", sinumerik=True)
+        expand(f"{text}M30\n".encode(), "a.mpf", language="siemens")
     assert what in str(found.value.what)
     assert found.value.file == "a.mpf"
     assert found.value.line == line

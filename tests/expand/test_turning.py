@@ -14,7 +14,7 @@ ROUGH = "G71 U1.5 R0.5\nG71 P10 Q20 U0.4 W0.1 F0.3\nN10 G0 X10. (IN)\nG1 W-10. F
 
 
 def lines_of(text, **how):
-    found = expand(f"O1\n{HEAD}{text}M30\n".encode(), "a.nc", fanuc=FanucNumbers(**how))
+    found = expand(f"O1\n{HEAD}{text}M30\n".encode(), "a.nc", language=FanucNumbers(**how))
     lines = [line for line in found.data.decode().splitlines() if "PH-POST-EXPAND" not in line]
     return lines[5:-1], found.notes
 
@@ -25,7 +25,7 @@ def test_the_tool_goes_the_same_way(seed):
     written = 0
     for _ in range(80):
         text = random_turning(rng)
-        found = expand(text.encode(), "a.nc", fanuc=FanucNumbers(decimals=9))
+        found = expand(text.encode(), "a.nc", language=FanucNumbers(decimals=9))
         assert found.notes == (), text
         lines = [line for line in found.data.decode().splitlines() if "PH-POST" not in line]
         assert not any(f"G{code}" in line.split("(")[0].split() for line in lines for code in (70, 90, 94))
@@ -73,12 +73,12 @@ def test_increments_become_places_and_the_rest_stays():
     lines, _ = lines_of(text)
     assert lines == ["G1 X58. Z3.5 F0.1 (A)", "G4 U1.5", "G28 U0 W0", "G1 U1.", "X5. Z0.", "Z-1."]
     whole = f"O1\n{HEAD}{text}M30\n".encode()
-    assert before_expansion(expand(whole, "a.nc", fanuc=FanucNumbers()).data, "a.nc") == whole
+    assert before_expansion(expand(whole, "a.nc", language=FanucNumbers()).data, "a.nc") == whole
 
 
 def test_a_mill_keeps_its_words():
     text = b"O1\nG21 G17 G90 G99\nG0 X1. Y1. Z5.\nG1 U2. F100.\nG90 G1 X3.\nM30\n"
-    assert expand(text, "a.nc", fanuc=FanucNumbers()).data == text
+    assert expand(text, "a.nc", language=FanucNumbers()).data == text
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,9 @@ def test_a_mill_keeps_its_words():
 )
 def test_what_is_not_understood_stays_and_is_named(text, why):
     data = f"O1\n{HEAD}{text}M30\n".encode()
-    found = expand(data.replace(b"W-10.", b"Z-5.").replace(b"U10. W-5.", b"X20. Z-10."), "a.nc", fanuc=FanucNumbers())
+    found = expand(
+        data.replace(b"W-10.", b"Z-5.").replace(b"U10. W-5.", b"X20. Z-10."), "a.nc", language=FanucNumbers()
+    )
     assert why in " ".join(found.notes)
     lines = [line for line in found.data.decode().splitlines() if "PH-POST" not in line]
     assert next(line for line in text.splitlines() if line[:3] in ("G70", "G90", "G92")) in lines

@@ -10,7 +10,6 @@ import msgspec
 import numpy as np
 
 from ph_post.dialects.reading import NOT_UNDERSTOOD, Remark
-from ph_post.gcode.numbers import COMMENT
 from ph_post.gcode.program import PlaceArray
 
 _WORD: Final = re.compile(rb"([A-Z])[ \t]*([-+]?[ \t]*(?:\d+\.?\d*|\.\d+))")
@@ -63,17 +62,6 @@ class PassedLines(msgspec.Struct, frozen=True, kw_only=True):
     first: int
     last: int
     what: str
-
-
-def masked(data: bytes) -> bytes:
-    """Return a text in capitals, with blanks in the place of its comments.
-
-    Examples
-    --------
-    >>> masked(b"g1 (fast) x1. ; so")
-    b'G1        X1.     '
-    """
-    return COMMENT.sub(lambda found: b" " * len(found[0]), data).upper()
 
 
 def words_of(bare: bytes) -> list[tuple[bytes, bytes, int, int]]:

@@ -24,7 +24,6 @@ from ph_post.dialects.fanuc.lines import (
     Editor,
     PassedLines,
     jumps_and_loops,
-    masked,
     unmeasured,
     words_of,
 )
@@ -40,6 +39,7 @@ from ph_post.expand.macro import COUNTED, SMALL, is_doubtful
 from ph_post.expand.turning import has_feeds_per_turn, has_increments_by_words, is_turned, shapes_of
 from ph_post.gcode.codes import ABSOLUTE, EXPRESSION, FEED_MODE, PLANE, QUIET
 from ph_post.gcode.language import Language
+from ph_post.gcode.numbers import masked
 from ph_post.gcode.program import AXES, NURBS, Note, NurbsData, PartProgram, PlaceArray, WordSource, WordTable
 from ph_post.gcode.words import lines_of, read_words
 from ph_post.geometry.exact_polynomials import floats
@@ -315,10 +315,11 @@ def read_fanuc(
         As there.
     """
     lines = lines_of(data, name)
-    asked, lathe = lathe, lathe or is_turned(data)
-    by_words = lathe and has_increments_by_words(data)
-    text = _translated(data, lines, calculator=calculator, lathe=lathe, by_words=by_words)
-    doubtful = not calculator and is_doubtful(data)
+    bare = masked(data)
+    asked, lathe = lathe, lathe or is_turned(data, bare)
+    by_words = lathe and has_increments_by_words(bare)
+    text = _translated(data, bare, lines, calculator=calculator, lathe=lathe, by_words=by_words)
+    doubtful = not calculator and is_doubtful(data, bare)
     rule = partial(in_doubt if doubtful else in_increments, decimals=decimals)
     language = Language(
         lengths=None if calculator else rule,
@@ -326,7 +327,7 @@ def read_fanuc(
         shortest=True,
         contours=contours,
         diameters=lathe,
-        fixed=_begun_modes(text.bare, lathe=lathe, by_words=by_words),
+        fixed=_begun_modes(bare, lathe=lathe, by_words=by_words),
     )
     found = read_translated(data, lines, name, text.lines, text.remarks, in_place=True, language=language)
     found = _in_seconds(with_nurbs(found, text.nurbs), text.dwells)
@@ -339,20 +340,20 @@ def read_fanuc(
 class _Translated(NamedTuple):
     """Lines in words that :func:`ph_post.gcode.read.read_program` knows, and what they do not say.
 
-    `bare` is the program without its comments; `dwells` are the powers of ten of the seconds in lines' P words.
+    `dwells` are the powers of ten of the seconds in lines' P words.
     """
 
-    bare: bytes
     lines: list[bytes]
     remarks: dict[int, Remark]
     dwells: dict[int, int]
     nurbs: list[NurbsBlocks]
 
 
-def _translated(data: bytes, lines: PlaceArray, *, calculator: bool, lathe: bool, by_words: bool) -> _Translated:
+def _translated(
+    data: bytes, bare: bytes, lines: PlaceArray, *, calculator: bool, lathe: bool, by_words: bool
+) -> _Translated:
     """Translate the words that are Fanuc's own, line by line, and pass through what is not understood."""
     texts = [text_of(data, lines, number) for number in range(lines.size - 1)]
-    bare = masked(data)
     places = [found.start() for found in _ODD.finditer(bare)]
     places += [found.start() for found in _TURNED.finditer(bare)] if lathe else []
     odd = np.unique(np.searchsorted(lines, places, "right") - 1)
@@ -363,7 +364,7 @@ def _translated(data: bytes, lines: PlaceArray, *, calculator: bool, lathe: bool
     for stretch in jumps_and_loops(bares, bare, lines):
         _pass(stretch, texts, remarks)
     if lathe:
-        _pass_shapes(data, texts, remarks)
+        _pass_shapes(bare, texts, remarks)
     for number in sorted(bares):
         if number in remarks:
             continue
@@ -386,7 +387,7 @@ def _translated(data: bytes, lines: PlaceArray, *, calculator: bool, lathe: bool
     nurbs = find_nurbs(bare, lines, curved, calculator=calculator)
     for one in nurbs:
         one.write(texts, remarks)
-    return _Translated(bare, texts, remarks, dwells, nurbs)
+    return _Translated(texts, remarks, dwells, nurbs)
 
 
 def _begun_modes(bare: bytes, *, lathe: bool, by_words: bool) -> dict[int, float]:
@@ -466,9 +467,9 @@ def _pass(stretch: PassedLines, texts: list[bytes], remarks: dict[int, Remark]) 
             remarks[number] = Remark(what=stretch.what)
 
 
-def _pass_shapes(data: bytes, texts: list[bytes], remarks: dict[int, Remark]) -> None:
+def _pass_shapes(bare: bytes, texts: list[bytes], remarks: dict[int, Remark]) -> None:
     """Pass the shapes of cycles through, behind which neither the place nor F is known."""
-    for first, last in shapes_of(data):
+    for first, last in shapes_of(bare):
         for number in range(first, last + 1):
             if texts[number].strip():
                 what = f"{FORGOTTEN} F#1" if number == last else FORGOTTEN

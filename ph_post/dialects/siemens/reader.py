@@ -521,9 +521,10 @@ def read_siemens(data: bytes, name: str, *, contours: bool = False) -> PartProgr
     lines = lines_of(data, name)
     whole = [text_of(data, lines, number).decode("latin-1") for number in range(lines.size - 1)]
     bare = [_STRING.sub('""', without_comment(text)) for text in whole]
-    text = "\n".join(bare).encode("latin-1").upper()
+    joined = "\n".join(bare)
+    text = joined.encode("latin-1").upper()
     turned = has_feeds_per_turn(text) and not _FEED_MODES.search(text)
-    stretches, measured = find_stretches(bare), _unmeasured(bare, turned=turned)
+    stretches, measured = find_stretches(bare), _unmeasured(joined, bare, turned=turned)
     language = replace(XYZ_ONLY, contours=contours, fixed={FEED_MODE: 95.0} if turned else {})
     hidden = {"DIAMON": tables.UNREAD_MEASURE} if _PLACED.search(text) else {}
     forced: dict[int, str] = {}
@@ -543,12 +544,11 @@ def read_siemens(data: bytes, name: str, *, contours: bool = False) -> PartProgr
         forced |= refused | tangents
 
 
-def _unmeasured(bare: Sequence[str], *, turned: bool) -> int | None:
+def _unmeasured(text: str, bare: Sequence[str], *, turned: bool) -> int | None:
     """Return the first line that moves X where none says whether X is a diameter, None in the program of a mill.
 
-    That of a lathe has words of its own, or feeds a turn (`turned`).
+    That of a lathe has words of its own, or feeds a turn (`turned`). `text` is all the lines.
     """
-    text = "\n".join(bare)
     if (not turned and _TURNED.search(text) is None) or _DIAMETERS.search(text) is not None:
         return None
     return next((number for number, line in enumerate(bare) if _X.search(line)), None)
