@@ -29,7 +29,7 @@ from ph_post.compensate.friction import friction_of_machine
 from ph_post.compensate.plan_warnings import doubtful_values, round_up
 from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.dialects.base import Dialect
-from ph_post.dialects.declaration import CORRECTED, Declaration, line_origins, read_declaration
+from ph_post.dialects.declaration import CORRECTED, THREADS, Declaration, line_origins, read_declaration
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.cutter_contours import LEFT
@@ -38,6 +38,7 @@ from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.preconditions import reckoned_feeds, require_tool, warn_centres, warn_reckoned
 from ph_post.edit.reversal_search import stretch_words
 from ph_post.edit.reversals import section_spans
+from ph_post.edit.threads import THREAD_LEFT, Threads
 from ph_post.edit.undo import original_of
 from ph_post.edit.window_plans import PlannedWindows, WindowPlan, edit_windows, plan_windows, shifts_axes
 from ph_post.edit.write import apply_edits, declare
@@ -118,10 +119,12 @@ def compensate_program(
     if contoured is original or found.edits is None:
         return found
     said = found.edits.warnings
-    if any(word.startswith(CORRECTED) for word in said):
+    if any(word.startswith((CORRECTED, THREADS)) for word in said):
         return found
-    # No contour is shifted: the program is read as one in which they are passed through.
-    return _planned(original, machine, request, progress, tuple(word for word in said if LEFT in word))
+    # No contour or thread is shifted: the program is read as one in which they are passed through.
+    left = tuple(word for word in said if LEFT in word or THREAD_LEFT in word)
+    left = (*left, *Threads(contoured).words_of_none(left))
+    return _planned(original, machine, request, progress, left)
 
 
 def _planned(
@@ -538,7 +541,7 @@ def _declaration(
         path_mode=mode,
         notes=(
             *_side_notes(request.edit),
-            *(word for word in edits.warnings if word.startswith(CORRECTED)),
+            *(word for word in edits.warnings if word.startswith((CORRECTED, THREADS))),
             *(head_notes(program, (*request.said, *edits.warnings)) if request.noted else ()),
         ),
     )

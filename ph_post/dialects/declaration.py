@@ -109,6 +109,10 @@ CORRECTED: Final = "cutter compensation holds for"
 """How the note of a program begins in which contours with cutter compensation are shifted."""
 
 
+THREADS: Final = "threads keep their turn of the spindle"
+"""How the note of a program begins in which threads are shifted."""
+
+
 class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     """Declaration in the header of a compensated program.
 
@@ -155,8 +159,8 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def corrected(self) -> bool:
-        """True where contours with cutter compensation are shifted."""
-        return any(note.lower().startswith(CORRECTED) for note in self.notes)
+        """True where contours with cutter compensation, or threads, are shifted."""
+        return any(note.lower().startswith((CORRECTED, THREADS)) for note in self.notes)
 
 
 CHANGE_MARK: Final = comment_pattern(rf"{MARK}\+(\d+) -(\d+)[^)\r\n]*")

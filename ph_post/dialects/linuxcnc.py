@@ -186,6 +186,8 @@ DIALECT = Dialect(
         units=(20, 21),
     ),
     recording=Recording(lines=halsampler_lines, ending=".txt", has_command=True),
-    language=Language(effects=dict.fromkeys(_USERS, codes.RUNS) | dict.fromkeys(_KINEMATICS, codes.SWITCHES)),
+    language=Language(
+        effects=dict.fromkeys(_USERS, codes.RUNS) | dict.fromkeys(_KINEMATICS, codes.SWITCHES), threads=True
+    ),
 )
 """The LinuxCNC dialect."""

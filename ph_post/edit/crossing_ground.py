@@ -38,6 +38,7 @@ from ph_post.edit.reversals import (
     SHARE,
     motion_view,
 )
+from ph_post.edit.threads import Threads
 from ph_post.gcode.further import further_lines
 from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, plane_columns
@@ -165,6 +166,7 @@ class CrossingGround:
         self.low = low
         self.beam = BeamGuard(program, machine)
         self.contours = CutterContours(program)
+        self.threads = Threads(program)
         self.rapids = np.flatnonzero(program.motions.kind == RAPID)
         self.region = _regions(program, self.halts)
         begins = np.flatnonzero(np.diff(self.region, prepend=-2) != 0)
@@ -224,7 +226,7 @@ class CrossingGround:
         kind = self.program.motions.kind
         whole = (RAPID, NURBS) if self._dialect.abilities.cubic is not None else (RAPID, NURBS, CUBIC)
         found = ~np.isin(kind, whole)
-        if self.program.language.bound is not None or further_lines(self.program):
+        if self.threads.mask.any() or self.program.language.bound is not None or further_lines(self.program):
             found[[k for k in np.flatnonzero(found).tolist() if why_kept_whole(self.program, k)]] = False
         return found
 
@@ -382,6 +384,7 @@ def _regions(program: PartProgram, halts: BoolArray) -> IntArray:
     stop[np.searchsorted(motions.block, alone.astype(motions.block.dtype))] = True
     known = np.isfinite(motions.start).any(axis=1) & (motions.kind != RAPID) & (motions.kind != NURBS)
     known &= ~(np.isnan(motions.start) & ~np.isnan(motions.end)).any(axis=1)
+    known &= ~program.threads
     stop[1:count] |= known[1:] != known[:-1]
     stop[1:count] |= halts[:-1]
     return np.asarray(np.where(known, np.cumsum(stop[:count], dtype=np.int32), np.int32(-1)))

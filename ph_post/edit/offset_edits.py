@@ -35,6 +35,7 @@ from ph_post.edit.reversals import (
     chain_spans,
     section_spans,
 )
+from ph_post.edit.threads import Threads
 from ph_post.errors import InputError
 from ph_post.gcode.program import AXES, RAPID, PartProgram
 from ph_post.simulate.controllers.moves import moved_axes
@@ -102,7 +103,8 @@ class _Choice(NamedTuple):
     """The changes that are worth their time, how they are made, and what is left as it is.
 
     `unmarked` are the numbers of the beam's runs that a shift would mark, `refused` and `radii` what
-    :class:`~ph_post.edit.cutter_contours.CutterContours` says of its contours.
+    :class:`~ph_post.edit.cutter_contours.CutterContours` says of its contours, and `untied` what
+    :class:`~ph_post.edit.threads.Threads` says of threads that are left.
     """
 
     search: ReversalSearch
@@ -111,6 +113,7 @@ class _Choice(NamedTuple):
     unmarked: frozenset[int]
     refused: Mapping[int, str]
     radii: Mapping[int, float]
+    untied: Mapping[int, str]
 
 
 class _OffsetPlanner:
@@ -126,6 +129,7 @@ class _OffsetPlanner:
         self._blocked = blocked_chains(program)
         self._open = _open_sections(program, self._blocked, options.left)
         self._beam, self._contours = BeamGuard(program, machine), CutterContours(program)
+        self._threads = Threads(program)
         self._runs = self._beam.runs()
         self._total = max(float(motion_times(program, machine).sum()), options.cycle, 1e-9)
         self._slow = gentle_feeds(program, machine, dialect, self._amplitude)
@@ -151,12 +155,14 @@ class _OffsetPlanner:
         return _PlannedFeeds(self._slow.within(most, section), sum(self._slow.times))
 
     def _choose(self, slow: _PlannedFeeds) -> _Choice:
-        """Choose changes, anew without the runs of a beam that they would mark and the contours that refuse them."""
+        """Choose changes, anew without what refuses them: runs of a beam that they mark, contours and threads."""
         options, contours, runs = self._options, self._contours, self._runs
         options = replace(options, max_slowdown=options.max_slowdown - slow.time / self._total)
         unmarked, refused = frozenset[int](), contours.left()
-        for number in range(BEAM_ROUNDS + len(contours.contours)):
-            left = sorted([*(runs[run] for run in unmarked), *contours.spans(refused), *options.stretches])
+        untied: dict[int, str] = {}
+        for number in range(BEAM_ROUNDS + len(contours.contours) + len(self._threads.spans)):
+            threads = [self._threads.spans[n] for n in sorted(untied)]
+            left = sorted([*(runs[run] for run in unmarked), *contours.spans(refused), *threads, *options.stretches])
             search = ReversalSearch(
                 self._program, self._machine, self._dialect, self._sides, self._open, options, left, slow.feeds.feed
             )
@@ -166,11 +172,15 @@ class _OffsetPlanner:
             if again.keys() > refused.keys():
                 refused = {**again, **refused}
                 continue
+            broken = self._threads.refused(planned.stops, planned.crossings, planned.offset)
+            if broken.keys() > untied.keys():
+                untied = {**broken, **untied}
+                continue
             if not planned.burnt:
                 break
             found = {run_beside(runs, motion) for motion in planned.burnt}
             unmarked |= found if number + 2 < BEAM_ROUNDS and not found <= unmarked else set(range(len(runs)))
-        return _Choice(search, afforded, planned, unmarked, refused, radii)
+        return _Choice(search, afforded, planned, unmarked, refused, radii, untied)
 
     def _edits(self, choice: _Choice, slow: _PlannedFeeds) -> Edits:
         crossings, stops, approaches, offset, _ = choice.planned
@@ -202,6 +212,7 @@ class _OffsetPlanner:
         yield from choice.afforded.warnings
         yield from self._beam.warn_left([self._runs[run] for run in sorted(choice.unmarked)])
         yield from self._contours.words(choice.refused, choice.radii, edits.offset)
+        yield from self._threads.words(choice.untied, edits.offset)
         more = slow.needed / self._total
         allows = round_up(max(more / SHARE, options.pace * (more + choice.afforded.slowdown)))
         # Where the time allows them, they were tried, and something else is at fault.

@@ -75,10 +75,12 @@ def _from_nowhere(program: PartProgram) -> BoolArray:
 def why_kept_whole(program: PartProgram, motion: int, *, shared: bool = True) -> str:
     """Return the reason why a motion's line is kept whole; empty where it is not.
 
-    That is what the program's language says of it, and a move of another axis beside X, Y and Z. Where what is extruded
-    may be `shared` between the parts, that is no reason.
+    That is what the program's language says of it, a move of another axis beside X, Y and Z, and the spindle's turn.
+    Where what is extruded may be `shared` between the parts, that is no reason.
     """
     bound, block = program.language.bound, int(program.motions.block[motion])
+    if program.modal_after(block).motion == "G33":
+        return "is tied to the spindle"
     if letters := further_lines(program).get(block):
         return f"moves {' and '.join(letters)} too"
     return "" if bound is None or (shared and block in filament_of(program)) else bound(program.text(block))

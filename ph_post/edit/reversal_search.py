@@ -164,6 +164,7 @@ class ReversalSearch:
             np.full(low.size, band),
         )
         rows[:, CHAIN] = np.searchsorted(self._whole, low[rows[:, CHAIN].astype(np.int64)], side="right") - 1
+        rows = self.crossings.ground.threads.around(rows, axis, self._carries(axis))
         if axis < 2:
             minus, plus = self.sides[name]
             side = 1.0 if abs(plus) <= abs(minus) else -1.0

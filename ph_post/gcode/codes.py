@@ -121,6 +121,9 @@ only something beside its motion is not known. Under ``--strict`` both are refus
 ) = range(20, 33)
 """Faults of a block."""
 
+THREADING, TAPPING = 330, 331
+"""G33 and G33.1, by ten times their numbers."""
+
 MOST_TURNS: Final = 1000
 """An arc of more turns is a slip of the pen: threads have tens."""
 

@@ -87,7 +87,10 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     shortest : bool
         Whether an axis that turns may go to its place (G90) by the shorter way round.
     contours : bool
-        Whether motions with cutter compensation are read as contours, and not passed through: see :meth:`contoured`.
+        Whether motions with cutter compensation are read as contours, and threads as motions, and not passed through:
+        see :meth:`contoured`.
+    threads : bool
+        Whether G33 is a straight move of so much a turn of the spindle along its way as K says.
     effects : mapping of int to int
         Effects of M words, by number, that are others than :data:`~ph_post.gcode.codes.M_EFFECT` has.
     diameters : bool
@@ -117,6 +120,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     further: str = "ABCUVW"
     shortest: bool = False
     contours: bool = False
+    threads: bool = False
     effects: Mapping[int, int] = {}
     diameters: bool = False
     head: tuple[str, ...] = ()
@@ -127,7 +131,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         return np.array([2 if self.diameters else 1, 1, 1], dtype=np.int64)
 
     def contoured(self) -> Language:
-        """Return the same language, in which what is cut with cutter compensation moves as its contours say."""
+        """Return the language in which contours with cutter compensation move as they say, and threads are motions."""
         read: Any = self.read
         return self if self.contours else replace(self, contours=True, read=read and partial(read, contours=True))
 

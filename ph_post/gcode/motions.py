@@ -61,6 +61,7 @@ from ph_post.gcode.codes import (
     MISSING_CENTER,
     MIXED_CENTER,
     MOST_TURNS,
+    MOTION,
     NO_CENTER,
     NO_DWELL,
     NO_FEED,
@@ -82,13 +83,16 @@ from ph_post.gcode.codes import (
     REST,
     ROTARY,
     ROTARY_PAIR,
+    SPEED,
     SPLINE_FROM_NOWHERE,
     SPLINE_LETTERS,
     SPLINE_PLANE,
     STAYING_G,
     STAYING_M,
     SYSTEM,
+    TAPPING,
     THREAD,
+    THREADING,
     TOOL_CHANGE,
     TURNS,
     UNITS,
@@ -195,7 +199,10 @@ def _write_motion(
     if ARC_CW <= task <= ARC_CCW:
         _write_arc(values, modes, position, row, task, curves)
     feed[row] = 0.0
-    if task != RAPID and modes[FEED_MODE] == 93.0:
+    if modes[MOTION] == THREADING:
+        turns = modes[SPEED] / 60.0 if modes[SPEED] > 0.0 else np.nan
+        feed[row] = values[LETTER_K] * modes[UNITS] * turns
+    elif task != RAPID and modes[FEED_MODE] == 93.0:
         feed[row], duration[row] = np.nan, 0.0 if np.isnan(word) else 60.0 / word
     elif task != RAPID:
         feed[row] = word * modes[UNITS] / 60.0 if modes[FEED_MODE] == 94.0 else np.nan
@@ -443,10 +450,10 @@ def _zero_group(code: int, motion: int, explicit: int, present: int, modes: Any,
 
 
 @inner
-def _motion_task(code: int, explicit: int, present: int, further: int) -> Any:
+def _motion_task(code: int, explicit: int, present: int, further: int, threads: bool) -> Any:
     """Return what the motion mode makes of a block: task, break, why not understood, letters it uses.
 
-    While axes of their own (`further`) move alone, X, Y and Z rest.
+    While axes of their own (`further`) move alone, X, Y and Z rest. With `threads` they are lines.
     """
     axes = present & (AXES | FURTHER)
     arcs = code in (20, 30)
@@ -455,6 +462,8 @@ def _motion_task(code: int, explicit: int, present: int, further: int) -> Any:
         task = REST
     elif arcs:
         task, used = ARC_CW if code == 20 else ARC_CCW, used | CENTER | (1 << LETTER_P) | (1 << LETTER_R)
+    elif code == THREADING and threads and (present >> LETTER_K) & 1 and not axes & further:
+        task, used = LINE, AXES | 1 << LETTER_K
     elif code in (0, 10):
         task = REST if not axes & ~further else RAPID if code == 0 else LINE
     elif code in (50, 51):
@@ -468,7 +477,7 @@ def _motion_task(code: int, explicit: int, present: int, further: int) -> Any:
     elif code == -2:
         why = UNSURE_MODE
     else:
-        why = THREAD if code in (330, 331) else CYCLE
+        why = THREAD if code in (THREADING, TAPPING) else CYCLE
     return task, mark, why, used
 
 
@@ -514,7 +523,7 @@ def _is_aimed(task: int, why: int, present: int, flags: int, modes: Any) -> Any:
 
 
 @inner
-def _decide(block: Any, values: Any, present: int, where: Any, modes: Any, contours: bool) -> Any:
+def _decide(block: Any, values: Any, present: int, where: Any, modes: Any, contours: bool, threads: bool) -> Any:
     """Return what a block does: task, break, why not understood, its fault, the word."""
     zero, motion, flags, feed, further = block
     explicit, word = flags & EXPLICIT, -1
@@ -523,13 +532,13 @@ def _decide(block: Any, values: Any, present: int, where: Any, modes: Any, conto
     if task < 0 and flags & OFFSET_LINE and present & AXES:
         task = FORGET_NAMED
     elif task < 0:
-        task, mark, doubt, used = _motion_task(motion, explicit, present, further)
+        task, mark, doubt, used = _motion_task(motion, explicit, present, further, threads)
         why = max(why, doubt)
     if why == 0 and refused == 0 and RAPID <= task <= NURBS_END:
         why = _doubt(task, used, present, flags, modes)
         if why == 0 and task in (ARC_CW, ARC_CCW):
             refused, word = _arc_fault(values, present, where, modes)
-        if why == 0 and refused == 0 and task >= LINE:
+        if why == 0 and refused == 0 and task >= LINE and motion != THREADING:
             refused, word = _feed_fault(present, where, modes, feed, flags >> KNOWN_SHIFT)
         if _is_aimed(task, why, present, flags, modes):
             task = AIMED
@@ -545,14 +554,14 @@ def _decide(block: Any, values: Any, present: int, where: Any, modes: Any, conto
 
 @compiled
 def choose_tasks(  # noqa: C901, PLR0912
-    words: Any, table: Any, columns: Any, traits: Any, end: int, further: int, contours: bool, tasks: Any
+    words: Any, table: Any, columns: Any, traits: Any, end: int, further: int, contours: bool, threads: bool, tasks: Any
 ) -> Any:
     """Decide what each block before `end` does.
 
     `columns` are those that :func:`resolve <ph_post.gcode.modes.resolve_modes>` fills; breaks, why a block is not
     understood and the words with faults are added to them, `tasks` (n,) is filled. `further` are the letters of axes
     of their own beside X, Y and Z, a bit each; with `contours` what is cut with cutter compensation moves as the
-    program says. A lack of feed is said at the first cut that has none.
+    program says, with `threads` what is tied to the spindle. A lack of feed is said at the first cut that has none.
     """
     blocks, letter, value = words
     states, feeds, motions, zeros, flags, marks, whys, spots = columns
@@ -571,7 +580,7 @@ def choose_tasks(  # noqa: C901, PLR0912
             more = LENIENT_LINE if stays else 0
             parts = (zeros[block], motions[block], np.int64(flags[block]) | more, feeds[block], further)
             modes = table[states[block]]
-            task, mark, why, fault, word = _decide(parts, values, present, where, modes, contours)
+            task, mark, why, fault, word = _decide(parts, values, present, where, modes, contours, threads)
             if fault in (NO_FEED, ZERO_FEED, NO_INVERSE_FEED):
                 if fault != lack and whys[block] == 0:
                     whys[block], spots[block] = QUIET + fault, -2 - word

@@ -345,6 +345,14 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         first = int(self.motions.block[0]) if self.motions.block.size else self.blocks
         return line if line < first else None
 
+    @property
+    def threads(self) -> BoolArray:
+        """Mask (m,) of the motions that are tied to the spindle (G33), where they are read as motions."""
+        modes = np.array([modal.motion == "G33" for modal in self.modal], dtype=np.bool_)
+        if not modes.any():
+            return np.zeros(self.motions.kind.size, dtype=np.bool_)
+        return np.asarray(modes[self.state[self.motions.block]])
+
     def text(self, block: int) -> bytes:
         """Return the bytes of a line, its line end included."""
         return self.data[self.lines[block] : self.lines[block + 1]]

@@ -348,10 +348,28 @@ def _words_again(
 
 
 def with_contours(program: PartProgram) -> PartProgram:
-    """Return a program in which what is cut with cutter compensation moves as its contours say; itself without any."""
-    if program.language.contours or not any(modal.compensation not in (None, "G40") for modal in program.modal):
+    """Return a program in which what is cut with cutter compensation moves as its contours say, and threads move.
+
+    It is the program itself where there are none.
+    """
+    threads = program.language.threads
+    there = any(
+        modal.compensation not in (None, "G40") or (threads and modal.motion == "G33") for modal in program.modal
+    )
+    if program.language.contours or not there:
         return program
-    return read_program(program.data, program.name, language=program.language.contoured())
+    found = read_program(program.data, program.name, language=program.language.contoured())
+    if threads and _misses_threads(found):
+        # Half of a thread is none.
+        language = msgspec.structs.replace(program.language, threads=False)
+        return with_contours(msgspec.structs.replace(program, language=language))
+    return found
+
+
+def _misses_threads(program: PartProgram) -> bool:
+    """Return whether a line under G33 is passed through."""
+    tied = np.array([modal.motion == "G33" for modal in program.modal], dtype=np.bool_)
+    return any(tied[program.state[note.first : note.last + 1]].any() for note in program.notes)
 
 
 def _resolve(lexed: Lexed, data: bytes, language: Language) -> _Blocks:
@@ -370,7 +388,17 @@ def _resolve(lexed: Lexed, data: bytes, language: Language) -> _Blocks:
         states[last:], feeds[last:] = states[last - 1], feeds[last - 1]
     lexed.whys[last + (stop == lexed.end) :] = 0
     further = codes.letter_bits(language.further)
-    choose_tasks(text, table, columns, lexed.traits, last, further, language.contours, tasks)
+    choose_tasks(
+        text,
+        table,
+        columns,
+        lexed.traits,
+        last,
+        further,
+        language.contours,
+        language.contours and language.threads,
+        tasks,
+    )
     return _Blocks(
         states=states,
         feeds=feeds,

@@ -27,6 +27,7 @@ from ph_post.verify.pairing import (
 from ph_post.verify.polylines import first_unreached, polylines
 from ph_post.verify.states import Dwells
 from ph_post.verify.stretches import Stretches, StretchSide, unproven_stretches
+from ph_post.verify.threads import beside_longest
 
 _FINE = 20.0
 """Chords stand in for arcs within this part of the tolerance, and the bound is widened by as much."""
@@ -229,7 +230,7 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
     """Check that no axis moves back farther than the dead band under the offset of its other direction.
 
     The dead band is the tolerance, or the offset itself where that is more: moves smaller than the lost motion
-    may be ignored.
+    may be ignored. Of moves that are tied to the spindle the longest of each run counts: all have its offsets.
     """
     motions = case.compensated.motions
     curves = np.isin(motions.kind, (CUBIC, NURBS))
@@ -239,9 +240,10 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
     np.cumsum(first, out=first)
     still = np.where(pairing.left_out, _SKIP, motions.chain)
     crossing = crossing_axes(case, pairing)[pairing.new_change]
+    beside = beside_longest(case.compensated)
     for name, amount in case.declared.offsets.items():
         axis, band = AXES.index(name), max(case.band, amount.metres)
-        chain = np.where(crossing[:, axis] & pairing.crossed, _ANEW, still)
+        chain = np.where((crossing[:, axis] & pairing.crossed) | beside, _ANEW, still)
         # Beyond an approach an axis is on neither side, be it by as much as the offset that only its other side has.
         sign = np.zeros(motions.kind.size, dtype=np.int8)
         for one, offset in zip((-1, 1), declared_sides(case.declared)[axis], strict=True):

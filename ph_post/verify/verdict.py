@@ -30,6 +30,7 @@ FailureKind = Literal[
     "break",
     "count",
     "machine",
+    "thread",
 ]
 """Kinds of failures.
 
@@ -42,7 +43,7 @@ axis carries the offset of the other direction of travel; `jog`, `pulse`, `dwell
 `feed` a feed is above the original's; `limits` a jog is faster than the machine; `state` the modal state after
 a block differs; `command` a command other than a motion is lost, added, or out of order; `break` a tool change,
 home, probe, … differs; `count` the numbers of stops, dips or crossings are not those declared; `machine` the
-program was made for another machine.
+program was made for another machine; `thread` moves tied to the spindle are not shifted as a whole.
 """
 
 KEPT = 1000

@@ -35,12 +35,13 @@ from ph_post.verify.path import check_direction, check_path
 from ph_post.verify.states import check_breaks, check_commands, check_dwells, check_states
 from ph_post.verify.stretches import find_stretches
 from ph_post.verify.text import check_text
+from ph_post.verify.threads import check_threads
 from ph_post.verify.verdict import Findings, Verdict, quoted
 
 _MODE: Final = re.compile(rb"G0*[0-3](?![\d.])[ \t]*", re.IGNORECASE)
 
-_CORRECTED: Final = b"cutter compensation holds for"
-"""What the head says where contours with cutter compensation are shifted."""
+_CORRECTED: Final = (b"cutter compensation holds for", b"threads keep their turn of the spindle")
+"""What the head says where contours with cutter compensation, or threads, are shifted."""
 
 ROUNDED = 4.0
 """A point may be off by so many units of its last decimal: rounding of ends and of an arc's centre."""
@@ -78,7 +79,7 @@ def verify(
         _check_undeclared(original, compensated, findings)
         return findings.verdict()
     head = compensated.data[compensated.lines[declared.first] : compensated.lines[declared.last + 1]]
-    if _CORRECTED in head.lower():
+    if any(said in head.lower() for said in _CORRECTED):
         original, compensated = with_contours(original), with_contours(compensated)
     for line, fault in declared.faults:
         findings.add("header", fault, compensated=line)
@@ -203,6 +204,7 @@ def _compare(case: VerifyCase, machine: Machine | None) -> None:
     check_breaks(case)
     check_commands(case, words)
     check_further(case, words)
+    check_threads(case)
     dwells = check_dwells(case, words)
     changed = words_of_changes(case, words)
     give_memory_back()
