@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final
@@ -26,6 +27,9 @@ Find = Callable[[str], Source | None]
 _TURNING: Final = (70, 71, 71.1, 71.2, 72, 72.1, 72.2)
 
 _BLOCK: Final = ("while", "repeat", "do")
+
+_WAITS: Final = re.compile(r"\s*%wait\b", re.IGNORECASE)
+"""A word of the sender bCNC, which waits there until the machine rests."""
 
 
 class Call(msgspec.Struct, kw_only=True):
@@ -152,6 +156,9 @@ class ProgramRunner:
         return self.blocks.run(line, keep=len(self.calls) == 1 and not call.heads)
 
     def _percent(self, call: Call, line: ProgramLine) -> bool:
+        if _WAITS.match(line.text):
+            self.blocks.lines.append(line.text)
+            return False
         if call.source is not self._main:
             return False
         self._percents += 1

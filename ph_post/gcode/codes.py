@@ -121,6 +121,10 @@ only something beside its motion is not known. Under ``--strict`` both are refus
 ) = range(20, 33)
 """Faults of a block."""
 
+SKIP = 316
+"""By ten times its number what stands for G31 where that is a move up to a signal, which may come anywhere on its way:
+see :attr:`~ph_post.gcode.language.Language.skips`. Of the others' words it is none."""
+
 THREADING, TAPPING = 330, 331
 """G33 and G33.1, by ten times their numbers."""
 
@@ -128,7 +132,7 @@ MOST_TURNS: Final = 1000
 """An arc of more turns is a slip of the pen: threads have tens."""
 
 _GROUPS: Final[dict[int, tuple[int, ...]]] = {
-    0: (40, 100, 280, 281, 300, 301, 520, 530, 920, 53),
+    0: (40, 100, 280, 281, 300, 301, 316, 520, 530, 920, 53),
     1: (
         0,
         10,

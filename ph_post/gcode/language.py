@@ -89,6 +89,8 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     contours : bool
         Whether motions with cutter compensation are read as contours, and threads as motions, and not passed through:
         see :meth:`contoured`.
+    skips : bool
+        Whether G31 moves the axes that it names, and no others, up to a signal.
     threads : bool
         Whether G33 is a straight move of so much a turn of the spindle along its way as K says.
     effects : mapping of int to int
@@ -120,6 +122,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     further: str = "ABCUVW"
     shortest: bool = False
     contours: bool = False
+    skips: bool = False
     threads: bool = False
     effects: Mapping[int, int] = {}
     diameters: bool = False

@@ -33,9 +33,11 @@ DOUBTED = 1
     FULL,
     BYTE_ORDER,
     TEXT,
-) = range(1, 13)
+    SENDERS_WORD,
+) = range(1, 14)
 """Faults of a line. `FULL`: there is no room for more words; `BYTE_ORDER`: the file begins with the mark of its
-encoding; `TEXT`: from a ``#`` on that begins no parameter."""
+encoding; `TEXT`: from a ``#`` on that begins no parameter; `SENDERS_WORD`: ``%wait``, at which bCNC waits until the
+machine rests, and sends the controller nothing."""
 
 FAULT, QUIET = 100, 200
 """What is added to a fault where a line is passed through: `QUIET` where no controller can obey it."""
@@ -355,6 +357,18 @@ def _power(places: int) -> Any:
     return _POWERS[places] if places < _POWERS.size else 10.0**places
 
 
+@inner
+def _is_wait(data: Any, at: Any, end: Any) -> bool:
+    """Return True if ``%wait`` stands at a place, and nothing but comments behind it."""
+    if at + 5 > end or data[at] != 37:
+        return False
+    w, a, i, t = data[at + 1] | 0x20, data[at + 2] | 0x20, data[at + 3] | 0x20, data[at + 4] | 0x20
+    if w != 119 or a != 97 or i != 105 or t != 116:
+        return False
+    rest, _ = _skip_comments(data, at + 5, end)
+    return bool(rest >= end)
+
+
 @compiled
 def lex(data: Any, lines: Any, out: Any, traits: Any, whys: Any, spots: Any) -> Any:
     """Read all words: their number, and the line behind them; -1 for that where there is no more room.
@@ -370,6 +384,9 @@ def lex(data: Any, lines: Any, out: Any, traits: Any, whys: Any, spots: Any) -> 
         while end > first and (data[end - 1] == 10 or data[end - 1] == 13):
             end -= 1
         at, _ = _skip_comments(data, first, end)
+        if _is_wait(data, at, end):
+            whys[block], spots[block] = QUIET + SENDERS_WORD, at + 1
+            continue
         if at < end and data[at] == 37:
             rest, _ = _skip_comments(data, at + 1, end)
             if rest < end:

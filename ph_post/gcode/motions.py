@@ -83,6 +83,7 @@ from ph_post.gcode.codes import (
     REST,
     ROTARY,
     ROTARY_PAIR,
+    SKIP,
     SPEED,
     SPLINE_FROM_NOWHERE,
     SPLINE_LETTERS,
@@ -437,6 +438,8 @@ def _zero_group(code: int, motion: int, explicit: int, present: int, modes: Any,
         task, mark = named, HOME
     elif code in (281, 301):
         task, mark = REST, HOME
+    elif code == SKIP:
+        task, mark = named, PROBE
     elif code == 920:
         known = modes[UNITS] != UNKNOWN and named == FORGET_NAMED
         task, mark = PRESET if known else named, FRAME_CHANGE

@@ -271,6 +271,7 @@ def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartPr
     if not language.diameters and _tells_diameters(lexed.words):
         language = msgspec.structs.replace(language, diameters=True)
     placed = _in_radii(lexed) if language.diameters else lexed
+    placed = _with_skips(placed) if language.skips else placed
     blocks = _resolve(placed, plain, language)
     del plain  # as large as the program
     motions = _make_motions(placed, blocks)
@@ -487,6 +488,15 @@ def _in_radii(lexed: Lexed) -> Lexed:
     value = np.where(words.letter == ord("X"), 0.5 * words.value, words.value)
     value = np.where((words.letter == ord("G")) & (value == 7.0), 8.0, value)
     return msgspec.structs.replace(lexed, words=msgspec.structs.replace(words, value=sealed(value)))
+
+
+def _with_skips(lexed: Lexed) -> Lexed:
+    """Return words in which a G31 is the one of :data:`ph_post.gcode.codes.SKIP`."""
+    words, skips = lexed.words, lexed.words.g_words(31.0)
+    if not skips.any():
+        return lexed
+    value = sealed(np.where(skips, codes.SKIP / 10.0, words.value))
+    return msgspec.structs.replace(lexed, words=msgspec.structs.replace(words, value=value))
 
 
 def _make_motions(lexed: Lexed, blocks: _Blocks) -> Motions:

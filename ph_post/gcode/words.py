@@ -30,6 +30,7 @@ _TEXTS = {
     lexer.AFTER_PERCENT: ("text behind a percent sign", "nothing else on its line"),
     lexer.CHECKSUM: ("checksum that is none", "a whole number at the end of the line"),
     lexer.BYTE_ORDER: ("byte order mark", "UTF-8 without one: controllers refuse it"),
+    lexer.SENDERS_WORD: ("word of a sender, which waits there", "words of the controller"),
     lexer.TEXT: ("unknown character", "a word, such as X10"),
     codes.TWICE: ("the same letter twice on a line", "each letter but G and M once"),
     codes.TWO_OF_GROUP: ("two words of one modal group on a line", "one of them"),

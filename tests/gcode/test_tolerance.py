@@ -8,6 +8,7 @@ import pytest
 from support.amount import examples
 from support.canon import needs_rs274, number_lines, run_rs274
 
+from ph_post.dialects.reading import read_as
 from ph_post.errors import InputError
 from ph_post.gcode.read import read_program
 
@@ -216,3 +217,30 @@ def test_whatever_bytes_a_line_has_it_is_read_and_kept():
             assert read_program(bytes(data), "a.ngc", strict=True).notes == ()
         except InputError:
             assert any(note.what.partition(":")[0] != "behind the program's end" for note in program.notes)
+
+
+def test_a_word_at_which_a_sender_waits_ends_no_program():
+    """bCNC takes `%wait` for itself; the controller gets what stands behind it, from the same place."""
+    program = read_program(b"G21 G90\nG1 X10 Y0 F100\n%wait\nM0\n  %WAIT (rest)\nG3 X0 Y10 I-10 J0\nM2\n", "a.nc")
+    assert [(note.first, note.what) for note in program.notes] == [
+        (2, "word of a sender, which waits there: %wait"),
+        (4, "word of a sender, which waits there: %WAIT (rest)"),
+    ]
+    assert program.motions.block.tolist() == [1, 5]
+    assert program.motions.chain.tolist() == [0, 0]
+    assert program.breaks[-1].block == 6
+    assert read_program(b"G1 X1 F100\n%waiting\nG1 X2\n", "a.nc").motions.kind.size == 1
+
+
+@pytest.mark.parametrize(
+    ("dialect", "known"), [("linuxcnc", True), ("fanuc", True), ("grbl", False), ("marlin", False)]
+)
+def test_a_skip_loses_the_axes_that_it_names(dialect, known):
+    """Plasma tables find the sheet by G31 (Mach3); Marlin's G31 puts a probe away, and Grbl has none."""
+    text = b"G21 G90\nG0 X5. Y6. Z7.\nG31 Z-10. F100.\nG1 Y8. F200.\nG92 Z0.\nG0 Z5.\nM2\n"
+    program = read_as(dialect, text, "a.nc")
+    behind = program.motions.start[program.motions.block == 3][0]
+    assert np.isnan(behind).tolist() == ([False, False, True] if known else [True, True, True])
+    assert ("probe" in [one.kind for one in program.breaks]) == known
+    assert any("G31" in note.what for note in program.notes) == (not known)
+    assert program.motions.end[program.motions.block == 5][0, 2] == pytest.approx(0.005)

@@ -325,6 +325,8 @@ def read_fanuc(
         lengths=None if calculator else rule,
         further=FURTHER,
         shortest=True,
+        # The skip function: B-64484EN, 4.18.
+        skips=True,
         contours=contours,
         diameters=lathe,
         fixed=_begun_modes(bare, lathe=lathe, by_words=by_words),
