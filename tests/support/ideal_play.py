@@ -50,22 +50,37 @@ def distances(places: np.ndarray, path: np.ndarray) -> np.ndarray:
     """Distances [mm] of places from the polyline through points.
 
     The nearest point may be one of another pass, or of a short cut beside a long one whose points are far apart. So of
-    all points that the nearest piece may begin at, both pieces are looked at. Pieces that are much longer than most are
-    no path but a way through the air: they count where they begin at the nearest point.
+    all pieces those are looked at whose middle is no farther away than what was found and half of their length. Pieces
+    that are much longer than most are no path but a way through the air: they count where they begin at the nearest
+    point.
     """
-    tree, lengths = cKDTree(path), np.linalg.norm(np.diff(path, axis=0), axis=1)
-    nearest = tree.query(places)[1]
+    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    nearest = cKDTree(path).query(places)[1]
     found = np.minimum(_from_piece(places, path, nearest - 1), _from_piece(places, path, nearest))
-    reach = 0.5 * min(lengths.max(), AIR * float(np.quantile(lengths, MOST)))
-    off = np.flatnonzero(found > ON)
-    for rows in np.array_split(off, len(off) // 5000 + 1):
-        near = tree.query_ball_point(places[rows], found[rows] + reach)
-        owner = np.repeat(rows, [len(some) for some in near])
-        point = np.concatenate([np.array(some, dtype=np.int64) for some in near]) if len(rows) else rows
-        for low in (point - 1, point):
-            some = lengths[np.clip(low, 0, len(lengths) - 1)] <= 2.0 * reach
-            np.minimum.at(found, owner[some], _from_piece(places[owner[some]], path, low[some]))
+    pieces = np.flatnonzero(lengths <= min(lengths.max(), AIR * float(np.quantile(lengths, MOST))))
+    # Of passes over the same way one is enough.
+    ways = np.round(np.stack([path[:-1], path[1:]], axis=1)[pieces] / ON).reshape(-1, 2 * path.shape[1])
+    pieces = pieces[np.unique(ways, axis=0, return_index=True)[1]]
+    # Of pieces of about the same length few are near enough.
+    size = np.ceil(np.log2(np.maximum(lengths[pieces], ON)))
+    for own in (pieces[size == one] for one in np.unique(size)):
+        _come_nearer(found, places, path, own, 0.5 * lengths[own].max())
     return found
+
+
+def _come_nearer(found: np.ndarray, places: np.ndarray, path: np.ndarray, pieces: np.ndarray, half: float) -> None:
+    """Lower distances found [mm] to those from pieces of a polyline that are no longer than twice a half length."""
+    tree = cKDTree(0.5 * (path[pieces] + path[pieces + 1]))
+    rows, looked, most = np.flatnonzero(found > ON), 0, 4
+    while rows.size and looked < len(pieces):
+        most = min(most, len(pieces))
+        left = []
+        for some in np.array_split(rows, rows.size * most // 1_000_000 + 1):
+            away, which = tree.query(places[some], np.arange(looked + 1, most + 1))
+            row, rank = np.nonzero(away <= found[some, None] + half)
+            np.minimum.at(found, some[row], _from_piece(places[some[row]], path, pieces[which[row, rank]]))
+            left.append(some[(away[:, -1] <= found[some] + half) & (found[some] > ON)])
+        rows, looked, most = np.concatenate(left), most, 4 * most
 
 
 def _from_piece(places: np.ndarray, path: np.ndarray, low: np.ndarray) -> np.ndarray:
