@@ -20,6 +20,7 @@ from ph_post.edit.crossing_shapes import (
     TURNING,
     CrossingShape,
     crossing_shape,
+    fastest_along,
     fastest_in_arcs,
     points_along,
     shape_in_steps,
@@ -149,6 +150,8 @@ class CrossingGround:
         timed = program.motions.duration > 0.0
         length = np.diff(self.along)
         self.feed = np.where(timed, length / np.where(timed, program.motions.duration, 1.0), feed)
+        # What is asked for beyond that no machine does: a crossing would be planned as if it did.
+        self.feed = np.minimum(self.feed, fastest_along(program, machine))
         if not isinstance(self.planner, ExactPath):
             self.feed = np.minimum(self.feed, fastest_in_arcs(program, machine))
         self._kept = self._speeds_kept()

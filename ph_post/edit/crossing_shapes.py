@@ -27,6 +27,7 @@ from ph_post.compiling import compiled, inner
 from ph_post.dialects.planners import planner_of
 from ph_post.drive.cascade import response_time
 from ph_post.edit.lagging_crossings import SHORT_LAG, CrossingArcs, fastest_arcs, out_and_back
+from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.program import ARC, AXES, CUBIC, PartProgram, plane_columns
 from ph_post.simulate.controllers.junctions import junction_speed
 from ph_post.simulate.controllers.legs import ACROSS
@@ -376,6 +377,25 @@ def fastest_in_arcs(program: PartProgram, machine: Machine) -> Array:
         radius = np.linalg.norm(np.take_along_axis(motions.start[arcs], planes, 1) - motions.center[arcs], axis=1)
         push = limit_table(machine)[planes, 1].min(axis=1)
         found[arcs] = np.sqrt(ACROSS * push * np.nan_to_num(radius, nan=math.inf))
+    return found
+
+
+def fastest_along(program: PartProgram, machine: Machine) -> Array:
+    """Return the speed beyond which no axis goes in each motion, whatever feed is asked for [m/s], shape (m,).
+
+    In arcs it is that of the faster axis that turns.
+    """
+    motions = program.motions
+    limits = limit_table(machine)[:, 0]
+    arcs = np.flatnonzero(motions.kind == ARC)
+    turning = plane_columns(motions.plane[arcs])[:, :2]
+    length = np.maximum(np.diff(places_along(motions)), 1e-12)
+    found = np.full(motions.kind.size, math.inf)
+    for column, limit in enumerate(limits.tolist()):  # one by one: there may be a million motions
+        part = np.nan_to_num(np.abs(motions.end[:, column] - motions.start[:, column])) / length
+        part[arcs[(turning == column).any(axis=1)]] = 0.0
+        np.minimum(found, limit / np.maximum(part, 1e-12), out=found)
+    found[arcs] = np.minimum(found[arcs], limits[turning].max(axis=1))
     return found
 
 

@@ -14,6 +14,7 @@ from ph_post.compensate.friction import braked
 from ph_post.dialects.base import Dialect
 from ph_post.edit.crossing_ground import CrossingGround
 from ph_post.edit.crossing_search import CrossingSearch
+from ph_post.edit.crossing_shapes import fastest_along
 from ph_post.edit.edits import EditOptions
 from ph_post.edit.positions import (
     RESTART,
@@ -59,6 +60,7 @@ def motion_times(program: PartProgram, machine: Machine) -> Array:
                 way = np.nan_to_num(np.abs(motions.end[:, column] - motions.start[:, column]))
                 rapid = np.maximum(rapid, way / machine.axes[name].limits.velocity)
         cut = np.where(motions.duration > 0.0, motions.duration, length / motions.feed)
+        cut = np.maximum(cut, length / fastest_along(program, machine))
         return np.nan_to_num(np.where(motions.kind == RAPID, rapid, cut), posinf=0.0)
 
 
@@ -99,7 +101,7 @@ class ReversalSearch:
         cuts = program.motions.kind != RAPID
         self._clock = np.append(0.0, np.cumsum(np.where(cuts, self.times, 0.0)))
         self._divide(sections, left)
-        feed = np.nan_to_num(cutting_feed(program, self.times))
+        feed = np.minimum(np.nan_to_num(cutting_feed(program, self.times)), fastest_along(program, machine))
         self._feed = feed if slow is None else np.minimum(feed, slow)
         self._from = -options.position_from
         self._moving = moves(program.motions)

@@ -21,6 +21,9 @@ _EXTRUDES: Final = re.compile(
     rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Gg]0*[0-3](?![\d.])[^\r\n;E]*E[ \t]*[-+.\d]", re.MULTILINE | re.IGNORECASE
 )
 
+_PEN: Final = re.compile(rb"M0*[345](?![\d.])[^\r\n(;]*[(;][^\r\n)]*\bpen\b", re.IGNORECASE)
+"""A pen that is let down or lifted, by the comment beside the word."""
+
 _TURNED_ON: Final = 2
 """A program that cuts at one height and turns its spindle on as often as this moves a beam."""
 
@@ -44,7 +47,8 @@ def tool_in_words(program: PartProgram) -> tuple[Tool, int] | None:
     """Return the tool that a program's own words show, and the line; None where they could be a cutter's.
 
     A line of printer firmware with E extrudes. A laser's program sets S in the lines that cut, or turns the spindle on
-    again and again, while no cut moves Z.
+    again and again, while no cut moves Z, unless it says there that it lets down a pen: where that stands it burns
+    nothing.
     """
     blocks = _extruding(program)
     if blocks.size:
@@ -53,7 +57,7 @@ def tool_in_words(program: PartProgram) -> tuple[Tool, int] | None:
     cuts = motions.kind != RAPID
     if not cuts.any() or np.any(motions.end[cuts, 2] != motions.start[cuts, 2], where=_known(program)[cuts]):
         return None
-    if np.any(words.letter == ord("T")):
+    if np.any(words.letter == ord("T")) or _PEN.search(program.data):
         return None
     starts = words.block[(words.letter == ord("M")) & np.isin(words.value, (3.0, 4.0))]
     power = words.block[(words.letter == ord("S")) & np.isin(words.block, motions.block[cuts])]

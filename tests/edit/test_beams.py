@@ -374,10 +374,32 @@ def test_what_works_where() -> None:
         "M3 S9000\nG0 X0 Y0 Z5\nG1 Z-1 F100\nG1 X9 S8000\nM2\n",
         "T1 M6\nM3 S9000\nG1 X9 F100\nM5\nM3\nG1 X0\nM2\n",
         "S9000 M3\nG1 X9 F100\nM5\nM2\n",
+        "M3 (pen down)\nG1 X9 F100\nM5 (pen up)\nG0 X0\nM3 (pen down)\nG1 Y9\nM5\nM2\n",
+        "M5 S30 ; lift the Pen\nG0 X1\nM3 S90 ; down\nG1 X9 F100\nM3\nG1 X0\nM2\n",
     ],
 )
-def test_a_mill_is_not_taken_for_a_laser(text: str) -> None:
+def test_a_mill_or_a_pen_is_not_taken_for_a_laser(text: str) -> None:
     assert tool_in_words(read_program(("G21 G90\n" + text).encode(), "a.ngc")) is None
+
+
+def test_a_laser_beside_a_comment_on_something_else_is_one() -> None:
+    text = "G21 G90\n(open)\nM3 (expensive)\nG1 X9 F100\nM5\nG0 X0\nM3\nG1 Y9\nM2 (no pen)\n"
+    assert tool_in_words(read_program(text.encode(), "a.ngc")) == ("laser", 2)
+
+
+@pytest.mark.parametrize(("mode", "feed"), [("G94", "F900000"), ("G93", "F90000")])
+def test_a_feed_beyond_all_machines_is_what_they_make_of_it(mode: str, feed: str) -> None:
+    """A plotter's program asks for 15 m/s and more, of which its axes make 40 mm/s: the table follows all the same."""
+    turns = "".join(f"G1 X{12 + 9 * (k % 2)} Y{10 + 7 * k + 4 * (k % 3)} {feed}\n" for k in range(12))
+    text = f"G21 G90 {mode}\nG0 X10 Y10\nM3 (pen down)\n{turns}G2 I5 J2 {feed}\nM5 (pen up)\nM2\n"
+    path, left = interpret(text, BEGINS[0]), []
+    for one in (text, made(text, stepper())):
+        moves, down = interpret(one, BEGINS[0]), one[: one.index("M3")].count("\n")
+        motion = run(moves)
+        cuts = np.array([move.mode > 0 and move.line > down for move in moves])[motion.owner]
+        away = [distance(table[cuts], path) for table in tables(motion.motor, GAPS, (0, 0, 0))]
+        left.append(max(math.sqrt(float((one**2).mean())) for one in away))
+    assert left[1] <= 0.2 * left[0]
 
 
 LIGHTBURN = """; LightBurn 1.4.00
