@@ -131,6 +131,8 @@ def find_restarts(
 ) -> list[Restart]:
     """Find the rapids ahead of a plunge that bring all axes to their places, wherever they were.
 
+    Behind the last cut of the program there is nothing to start again for.
+
     Parameters
     ----------
     program : PartProgram
@@ -159,7 +161,10 @@ def find_restarts(
     heads = np.append(True, np.diff(numbers) != 0)
     ends = np.flatnonzero(np.append(~alone | heads, True))
     rests = np.flatnonzero(np.append(~rapid | heads, True))
+    last_cut = np.flatnonzero(~rapid).max(initial=-1)
     for first in np.flatnonzero(rapid & ~np.append(False, rapid[:-1] & ~heads[1:])).tolist():
+        if first > last_cut:
+            break
         fresh = not found or found[-1].chain != numbers[first]
         if not fresh and not (late and clock[first] - clock[found[-1].first] >= apart):
             continue

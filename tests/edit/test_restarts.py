@@ -167,3 +167,21 @@ def test_from_no_line_the_tool_is_lower_than_in_the_plain_program(pair: tuple[st
         assert height.min() >= low - 1e-9 - GAPS[2] * (side < 0.0 and begin[2] <= low)
         words = [float(z) for z in re.findall(r"Z(-?[\d.]+)", bare(lines[line]))]
         assert all(z >= low for z in words)
+
+
+def _cuts(moves):
+    """Moves, of which the rapid at the end goes to where it does high above the work."""
+    return [*moves[:-1], type(moves[-1])(**{**vars(moves[-1]), "mode": 0, "end": moves[-1].start})]
+
+
+def test_nothing_comes_to_its_side_behind_the_last_cut() -> None:
+    """A last rapid to the zero of all axes looked like a place to start again from, and the check refused it."""
+    square = "G0 X{0} Y80\nG0 Z-1\nG1 X{1} F150\nG1 Y130\nG1 X{0}\nG1 Y80\nG0 Z20\n"
+    # So far apart in time that a program may be started again between them.
+    cuts = "".join(square.format(x, x + 5) for x in range(20, 140, 20))
+    text = f"G21 G90\nG0 X0 Y0 Z20\n{cuts}G0 X0 Y0 Z-1\nM2\n"
+    found = ph.compensate(read_program(text.encode(), "part.nc"), target("grbl"))
+    assert not [word for word in found.warnings if "not compensated" in word]
+    begin = (-5.0, -5.0, 30.0)
+    before, after = (errors(_cuts(interpret(one, begin)), flat_path(text)) for one in (text, found.program().decode()))
+    assert after < 0.2 * before
