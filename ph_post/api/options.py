@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Real
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Final, Literal, TypeVar, get_args
 
 import msgspec
 
@@ -85,6 +85,15 @@ PATH_ONLY = ("feed", "corner_tolerance", "safe_z", "depth", "interval_table", "f
 """Options that part programs leave out where one set of options serves path files too."""
 
 
+WHERE_EXPANDED: Final[Mapping[str, Any]] = {
+    "subprograms": (),
+    "parameters": None,
+    "tool_table": None,
+    "peck_clearance": None,
+}
+"""Options that say how a program is written out, with what they are where they are not given."""
+
+
 class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """All options of :func:`ph_post.compensate`.
 
@@ -149,6 +158,10 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         if self.lead_program and (self.feed_only or self.no_inverse_dynamics):
             other = "--feed-only" if self.feed_only else "--no-inverse-dynamics"
             raise OptionsError(f"--lead-program writes the lead, and {other} leaves it out; leave one out")
+        unused = [name for name in WHERE_EXPANDED if getattr(self, name)]
+        if unused and not self.expand:
+            option = f"--{unused[0].replace('_', '-')}"
+            raise OptionsError(f"{option} is for programs that are written out first; add --expand, or leave it out")
 
     @property
     def chosen_strategy(self) -> str:
@@ -201,6 +214,16 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """
         plain = CompensateOptions()
         return msgspec.structs.replace(self, **{name: getattr(plain, name) for name in PATH_ONLY})
+
+    def without_expansion(self) -> CompensateOptions:
+        """Return the options of a program that is not written out.
+
+        Examples
+        --------
+        >>> CompensateOptions(expand=True, tool_table="tool.tbl").without_expansion().tool_table is None
+        True
+        """
+        return msgspec.structs.replace(self, expand=False, **WHERE_EXPANDED)
 
     def check_for_path(self) -> None:
         """Refuse options that are for part programs alone.

@@ -74,7 +74,7 @@ def convert_job(job: BatchJob) -> BatchOutcome:
 
 
 def _converted(job: BatchJob) -> BatchOutcome:
-    options = msgspec.structs.replace(job.options, expand=False)
+    options = job.options.without_expansion()
     if is_program(job.source):
         options = job.options.without_path_options()
     result = compensated(job.source, job.machine, options, "program", no_progress)

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.dialects.declaration import CHANGE_MARK, mark_text
+from ph_post.dialects.planners import planner_of
 from ph_post.drive.axes import referred_to_middle
 from ph_post.files.table import log_content
 from ph_post.gcode.program import AXES, PartProgram, runs
@@ -93,13 +94,18 @@ class Rehearsal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Lines of the program that LinuxCNC runs and the plan lacks, and whether the error is not known."""
+        """Another controller than LinuxCNC, lines that the plan lacks, and whether the error is not known."""
         name, notes = self.program.name, self.program.notes
         unknown = (
             f"{name}: offsets shift it from the path that it was made from, and so its error is not known; --against"
             " PLAIN with the program of `convert --strategy none` gives it"
         )
-        said = [f"{name}:{note.first + 1}: {note.what}: run, and not in the plan" for note in notes]
+        other = (
+            f"the machine's controller is {self.machine.dialect}: LinuxCNC has its own speeds in corners and on arcs,"
+            " and so errors and times here are not those of that controller"
+        )
+        said = [] if isinstance(planner_of(self.machine), RoundedPath) else [other]
+        said += [f"{name}:{note.first + 1}: {note.what}: run, and not in the plan" for note in notes]
         lost = unknown_lines(self.program)
         if lost:
             said.append(

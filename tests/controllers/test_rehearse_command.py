@@ -44,6 +44,13 @@ def test_text_says_how_it_went(part: Path, capsys: pytest.CaptureFixture[str]) -
     assert "contour error  max µm" in said
 
 
+def test_a_machine_of_another_controller_is_named(part: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rehearse", str(part), "-m", "router"]) == 0
+    assert "the machine's controller" not in capsys.readouterr().err
+    assert main(["rehearse", str(part), "-m", "stepper"]) == 0
+    assert "warning: the machine's controller is grbl: LinuxCNC has its own speeds" in capsys.readouterr().err
+
+
 def test_what_linuxcnc_refuses_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     place = tmp_path / "bad.ngc"
     place.write_text("G21 G90\nG1 X1 F100\nM999\nM2\n")
