@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis
@@ -23,7 +22,7 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.dialects.base import Dialect
 from ph_post.dialects.declaration import Declaration
 from ph_post.edit.changes import Change
-from ph_post.edit.edits import Edits
+from ph_post.edit.edits import Edits, no_offsets
 from ph_post.edit.lead_edits import LABEL, LeadStretch, LeadWriter
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.write import apply_changes, declare
@@ -31,7 +30,7 @@ from ph_post.gcode.paths import FIT_TOLERANCE, ProgramPath
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
 from ph_post.progress import Progress
-from ph_post.types import Machine, frozen
+from ph_post.types import Machine
 from ph_post.units import MM
 from ph_post.verify.verdict import Verdict
 from ph_post.verify.verify import verify
@@ -76,7 +75,7 @@ class LeadWork:
                 return self._result(plan, declared, after, verdict, motion)
             left = left | with_neighbours(worse, left, self._low.size)
             plan = plan.leaving(left, self._low)
-        nothing = Edits(offset=frozen(np.zeros((self._program.motions.kind.size, 3))))
+        nothing = Edits(runs=no_offsets(self._program.motions.kind.size))
         said = "no lead is written: none within the time allowed makes the part better"
         edits = replace(nothing, warnings=(*plan.warnings, said))
         return CompensatedProgram(before=self._program, after=self._program, edits=edits)
@@ -101,7 +100,7 @@ class LeadWork:
         self._progress("writing")
         declared = declare(
             program,
-            Edits(offset=frozen(np.zeros((program.motions.kind.size, 3)))),
+            Edits(runs=no_offsets(program.motions.kind.size)),
             self._machine,
             self._dialect,
             edit,
@@ -138,7 +137,7 @@ class LeadWork:
         errors = override_errors(self._program, after, self._machine) if cycle_time(motion) <= LONGEST_SIMULATED else ()
         note = lead_note(errors, plan.holds)
         declared, after, verdict = self._written(plan, (note,))
-        edits = Edits(offset=frozen(np.zeros((self._program.motions.kind.size, 3))))
+        edits = Edits(runs=no_offsets(self._program.motions.kind.size))
         bare = reread(self._program, apply_changes(self._program, self._changes(plan.free), self._dialect, declared))
         plain = ProgramMotion(bare, self._program, self._machine, "program with the lead alone", self._progress)
         motion = self._motion(after, plain)

@@ -33,7 +33,7 @@ from ph_post.dialects.declaration import CORRECTED, THREADS, Declaration, line_o
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.cutter_contours import LEFT
-from ph_post.edit.edits import EditOptions, Edits, merge_edits
+from ph_post.edit.edits import EditOptions, Edits, merge_edits, no_offsets
 from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.preconditions import reckoned_feeds, require_tool, warn_centres, warn_reckoned
 from ph_post.edit.reversal_search import stretch_words
@@ -50,7 +50,7 @@ from ph_post.post.options import check_block_time
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.simulate.controllers.path_modes import chord_warnings, path_mode_warnings
-from ph_post.types import Machine, sealed
+from ph_post.types import Machine
 from ph_post.verify.verdict import Verdict
 from ph_post.verify.verify import verify
 from ph_post.version import package_version
@@ -225,7 +225,7 @@ def _nothing_gained(program: PartProgram, edits: Edits, enough: float) -> Edits:
 
     `enough` is the slowdown of a plan that makes the part better, infinite where none was found.
     """
-    nothing = Edits(offset=sealed(np.zeros((program.motions.kind.size, 3))))
+    nothing = Edits(runs=no_offsets(program.motions.kind.size))
     more = "a larger --max-slowdown may"
     if math.isfinite(enough):
         more = f"--max-slowdown {round_up(enough):g} would allow one"
@@ -289,7 +289,7 @@ class _EditPlanner:
 
     def plan(self, options: EditOptions) -> Edits:
         """Return the edits within the bounds of the options."""
-        edits = Edits(offset=sealed(np.zeros((self._program.motions.kind.size, 3))))
+        edits = Edits(runs=no_offsets(self._program.motions.kind.size))
         if self.offsets_axes:
             self._progress("planning offsets")
             share = replace(options, max_slowdown=options.max_slowdown * self._share)

@@ -156,7 +156,10 @@ class _Changes(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def _changes_of(edits: Edits) -> _Changes:
-    steps = np.diff(edits.offset, axis=0, prepend=0.0)
+    runs = edits.runs
+    # What is not written of it takes no memory.
+    steps = np.zeros((runs.count, len(AXES)))
+    steps[runs.first] = runs.steps
     rows = []
     for stop in edits.stops:
         for shift in stop.shifts:
@@ -173,7 +176,7 @@ def _changes_of(edits: Edits) -> _Changes:
         motion=found[:, [0, 2]].astype(np.int64),
         share=found[:, [1, 3]],
         column=found[:, 4].astype(np.int64),
-        carried=np.abs(steps) > STILL,
+        carried=(steps > STILL) | (steps < -STILL),
     )
 
 

@@ -112,10 +112,51 @@ class DipEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     lasting: bool = False
 
 
+class OffsetRuns(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Offsets at the ends of `count` motions, by runs of motions that have the same: few, where there may be millions.
+
+    `first` (r,) is the first motion of each run, `value` (r, 3) [m] what its motions have.
+    """
+
+    first: IntArray
+    value: Array
+    count: int
+
+    @property
+    def lengths(self) -> IntArray:
+        """Number of motions of each run, shape (r,)."""
+        return np.diff(self.first, append=self.count)
+
+    @property
+    def steps(self) -> Array:
+        """Change of the offsets at the beginning of each run, shape (r, 3) [m]."""
+        return np.diff(self.value, axis=0, prepend=np.zeros((1, 3)))
+
+
+def runs_of(offset: Array) -> OffsetRuns:
+    """Return the runs of offsets (m, 3) [m].
+
+    Examples
+    --------
+    >>> runs = runs_of(np.array([[0.0, 0.0, 0.0], [1e-5, 0.0, 0.0], [1e-5, 0.0, 0.0]]))
+    >>> runs.first.tolist(), runs.lengths.tolist()
+    ([0, 1], [1, 2])
+    """
+    heads = np.append(True, (offset[1:] != offset[:-1]).any(axis=1))[: len(offset)]
+    first = np.flatnonzero(heads)
+    return OffsetRuns(first=sealed(first), value=sealed(offset[first]), count=len(offset))
+
+
+def no_offsets(count: int) -> OffsetRuns:
+    """Return the runs of so many motions without an offset."""
+    first = np.zeros(min(count, 1), dtype=np.int64)
+    return OffsetRuns(first=sealed(first), value=sealed(np.zeros((first.size, 3))), count=count)
+
+
 class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """All edits of one program.
 
-    `offset` (m, 3) [m] is added to X, Y and Z at the end of every motion, on the grid of the dialect's
+    `offset` (m, 3) [m], kept as `runs`, is added to X, Y and Z at the end of every motion, on the grid of the dialect's
     decimals in the program's units. A rapid goes from the offset before it to its own; a cutting motion has
     one offset, unless a stop or a crossing on it changes that: where it ends within a crossing its offset is what is
     added to the path there. At the end of every chain the offset is zero, where need be
@@ -130,7 +171,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     would have cost more than is allowed; `warnings` name what is not compensated.
     """
 
-    offset: Array
+    runs: OffsetRuns
     stops: tuple[StopEdit, ...] = ()
     dips: tuple[DipEdit, ...] = ()
     crossings: tuple[CrossingEdit, ...] = ()
@@ -146,9 +187,14 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     warnings: tuple[str, ...] = ()
 
     @property
+    def offset(self) -> Array:
+        """Offset at the end of every motion, shape (m, 3) [m]."""
+        return sealed(np.repeat(self.runs.value, self.runs.lengths, axis=0))
+
+    @property
     def empty(self) -> bool:
         """No change at all."""
-        return not (self.stops or self.dips or self.crossings or np.any(self.offset))
+        return not (self.stops or self.dips or self.crossings or np.any(self.runs.value))
 
 
 def merge_edits(a: Edits, b: Edits) -> Edits:
@@ -164,7 +210,7 @@ def merge_edits(a: Edits, b: Edits) -> Edits:
         raise ValueError(f"both sets of edits offset axis {shared[0]}")
     ordered = sorted((*a.stops, *b.stops), key=_stop_place)
     return Edits(
-        offset=a.offset if a.offset is b.offset and not a.offset.any() else sealed(a.offset + b.offset),
+        runs=runs_of(a.offset + b.offset) if b.runs.value.any() else a.runs,
         stops=tuple(join_stops(list(found)) for _, found in groupby(ordered, _stop_place)),
         dips=_merged_dips((*a.dips, *b.dips)),
         crossings=(*a.crossings, *b.crossings),

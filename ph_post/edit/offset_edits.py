@@ -18,7 +18,7 @@ from ph_post.edit.chord_joints import chord_joints
 from ph_post.edit.corner_joints import corner_joints
 from ph_post.edit.crossing_search import PlannedChanges
 from ph_post.edit.cutter_contours import CutterContours
-from ph_post.edit.edits import EditOptions, Edits, join_stops
+from ph_post.edit.edits import EditOptions, Edits, join_stops, no_offsets, runs_of
 from ph_post.edit.gentle_feeds import GentleFeeds, gentle_feeds
 from ph_post.edit.preconditions import (
     blocked_chains,
@@ -39,7 +39,7 @@ from ph_post.edit.threads import Threads
 from ph_post.errors import InputError
 from ph_post.gcode.program import AXES, RAPID, PartProgram
 from ph_post.simulate.controllers.moves import moved_axes
-from ph_post.types import Axis, BoolArray, Machine, sealed
+from ph_post.types import Axis, BoolArray, Machine
 from ph_post.units import MM
 
 BEAM_ROUNDS: Final = 6
@@ -68,7 +68,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         Where the dialect's decimals are too few for an axis.
     """
     said = tuple(side_warnings(machine.axes[name] for name in moved_axes(program)))
-    nothing = Edits(offset=sealed(np.zeros((program.motions.kind.size, 3))), warnings=said)
+    nothing = Edits(runs=no_offsets(program.motions.kind.size), warnings=said)
     axes = [machine.axes[name] for name in AXES if name in machine.axes and may_shift(machine.axes[name])]
     if not axes or program.motions.kind.size == 0:
         return nothing
@@ -189,7 +189,7 @@ class _OffsetPlanner:
         shifted |= {name for name in self._amplitude if offset[:, AXES.index(name)].any()}
         used = {name: size for name, size in self._amplitude.items() if name in shifted}
         return Edits(
-            offset=sealed(offset),
+            runs=runs_of(offset),
             stops=tuple(join_stops(list(found)) for _, found in groupby(stops, lambda one: (one.motion, one.share))),
             crossings=crossings,
             amplitude=used,

@@ -18,7 +18,7 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.drive.axes import has_backlash, with_gap
-from ph_post.edit.edits import DipEdit, EditOptions, Edits, StopEdit
+from ph_post.edit.edits import DipEdit, EditOptions, Edits, StopEdit, no_offsets
 from ph_post.edit.preconditions import why_blocked, why_kept_whole, why_not_editable
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.window_edits import UnchangedWindow, place_plan
@@ -30,7 +30,7 @@ from ph_post.geometry.joints import find_stops
 from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress, prefixed
-from ph_post.types import Array, IntArray, Machine, Path, Plan, Segment, frozen
+from ph_post.types import Array, IntArray, Machine, Path, Plan, Segment
 
 
 def divide(path: ProgramPath, track: Track, places: Array, most: int) -> tuple[ProgramPath, ...]:
@@ -218,7 +218,7 @@ def edit_windows(program: PartProgram, planned: PlannedWindows, options: EditOpt
         said += [f"{_where(program, made.path)}: {word}" for word in made.plan.warnings]
         said += [_words(program, made, left) for left in done.left]
     edits = Edits(
-        offset=frozen(np.zeros((program.motions.kind.size, 3))),
+        runs=no_offsets(program.motions.kind.size),
         stops=tuple(stops),
         dips=tuple(dips),
         pulse=_pulses(stops),

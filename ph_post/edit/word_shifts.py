@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.compiling import compiled, inner
-from ph_post.edit.edits import StopEdit
+from ph_post.edit.edits import OffsetRuns, StopEdit
 from ph_post.edit.motion_edits import MotionEdit
 from ph_post.gcode.program import ARC, AXES, RAPID, PartProgram, PlaceArray
-from ph_post.types import Array, IntArray
+from ph_post.types import IntArray
 
 MOST_DECIMALS: Final = 15
 """Most decimals of a number that can be shifted."""
@@ -201,9 +201,9 @@ class ShiftedWords(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     delta: PlaceArray
 
 
-def motion_offsets(offset: Array, tasks: Sequence[MotionEdit], step: float) -> MotionOffsets:
+def motion_offsets(offset: OffsetRuns, tasks: Sequence[MotionEdit], step: float) -> MotionOffsets:
     """Round offsets to steps [m], at the end of every motion and in its words ahead of a stop there."""
-    after = np.rint(offset / step).astype(np.int32)
+    after = np.repeat(np.rint(offset.value / step).astype(np.int32), offset.lengths, axis=0)
     word = after.copy()
     for task in tasks:
         if 1.0 in task.stops:

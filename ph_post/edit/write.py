@@ -16,7 +16,7 @@ from ph_post.dialects.base import Dialect
 from ph_post.dialects.declaration import Declaration, declaration_lines, has_marks, marked
 from ph_post.edit.block_words import line_end
 from ph_post.edit.changes import Change, ChangeWriter
-from ph_post.edit.edits import EditOptions, Edits
+from ph_post.edit.edits import EditOptions, Edits, no_offsets
 from ph_post.edit.motion_edits import schedule, stops_written
 from ph_post.edit.preconditions import own_setting, program_units, word_decimals
 from ph_post.edit.undo import Payload, payload_lines, restores, without_payload
@@ -138,7 +138,7 @@ def apply_changes(program: PartProgram, changes: Iterable[Change], dialect: Dial
     """
     _refuse_marks(program)
     step = next(iter(program_units(program)), MM) * 10.0 ** -word_decimals(dialect, MM)
-    found = motion_offsets(np.zeros((program.motions.kind.size, 3)), [], step)
+    found = motion_offsets(no_offsets(program.motions.kind.size), [], step)
     numbers = shifted_numbers(program, shifted_words(program, found), 0, int(dialect.numbers.point))
     ordered = sorted(changes, key=lambda change: change.block)
     text = _with_payload(program, *_assemble_text(program, numbers, ordered, dialect, declaration), dialect)
@@ -159,7 +159,7 @@ def _refuse_marks(program: PartProgram) -> None:
 def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration) -> bytes:
     """Write the new text, with the payload that undo needs."""
     units = program_units(program)
-    if len(units) > 1 and np.any(edits.offset):
+    if len(units) > 1 and np.any(edits.runs.value):
         raise InputError(program.name, "the program moves in both mm and inches: no offset can be added")
     decimals = word_decimals(dialect, units[0])
     step = units[0] * 10.0**-decimals
@@ -175,7 +175,7 @@ def _numbers_and_changes(
 ) -> tuple[ShiftedNumbers, list[Change]]:
     """Return the numbers that offsets change, and the lines that are written anew, in order."""
     tasks = schedule(edits, program.motions, step)
-    found = motion_offsets(edits.offset, tasks, step)
+    found = motion_offsets(edits.runs, tasks, step)
     numbers = shifted_numbers(program, shifted_words(program, found), decimals, int(dialect.numbers.point))
     writer = ChangeWriter(
         program,

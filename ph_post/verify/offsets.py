@@ -100,13 +100,14 @@ def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
     the same power would stay longer on the same place. Beside a cut at a feed that is not known it has that feed.
     """
     motions, jogs = case.compensated.motions, np.flatnonzero(alone)
-    beside = _feeds_with_a_beam(case, alone, machine)[jogs]
+    cuts = _cuts_beside(motions, alone, jogs)
+    beside = _feeds_with_a_beam(case, cuts, jogs, machine)
     ways = np.nan_to_num(np.abs(motions.end[jogs] - motions.start[jogs]))
     timed = motions.duration[jogs]
     longest, total = np.argmax(ways, axis=1), np.linalg.norm(ways, axis=1)
     with np.errstate(divide="ignore"):
         along = np.where(timed > 0.0, total / timed, motions.feed[jogs])
-    unfed = np.isnan(along) & _unfed_beside(motions, alone)[jogs]
+    unfed = np.isnan(along) & _unfed_beside(motions, cuts, jogs)
     for column, length in enumerate(ways.T):
         name, own = AXES[column], np.flatnonzero((longest == column) | (length > EXACT))
         if not own.size:
@@ -129,30 +130,36 @@ def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
             )
 
 
-def _unfed_beside(motions: Motions, alone: BoolArray) -> BoolArray:
-    """Mask of the motions (m,) beside a cut at a feed that is not known, in the same chain."""
-    cuts = np.flatnonzero(~alone & (motions.kind != RAPID))
-    found = np.zeros(motions.kind.size, dtype=np.bool_)
+def _cuts_beside(motions: Motions, alone: BoolArray, jogs: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the last cut before each of some motions that lie beside the path, and the first behind it.
+
+    Where there is none on one side it is that on the other; nothing is returned of a program without cuts.
+    """
+    cuts = np.flatnonzero(~alone & (motions.kind != RAPID)).astype(np.int32)
+    behind = np.searchsorted(cuts, jogs.astype(np.int32))
     if not cuts.size:
-        return found
-    behind = np.searchsorted(cuts, np.arange(motions.kind.size))
-    for near in (cuts[np.maximum(behind - 1, 0)], cuts[np.minimum(behind, cuts.size - 1)]):
+        return cuts.astype(np.int64), cuts.astype(np.int64)
+    before, after = cuts[np.maximum(behind - 1, 0)], cuts[np.minimum(behind, cuts.size - 1)]
+    return before.astype(np.int64), after.astype(np.int64)
+
+
+def _unfed_beside(motions: Motions, cuts: tuple[IntArray, IntArray], jogs: IntArray) -> BoolArray:
+    """Mask of some motions (n,) beside a cut at a feed that is not known, in the same chain."""
+    found = np.zeros(jogs.size, dtype=np.bool_)
+    for near in cuts if cuts[0].size else ():
         unknown = np.isnan(motions.feed[near]) & ~(motions.duration[near] > 0.0)
-        found |= unknown & (motions.chain[near] == motions.chain)
+        found |= unknown & (motions.chain[near] == motions.chain[jogs])
     return found
 
 
-def _feeds_with_a_beam(case: VerifyCase, alone: BoolArray, machine: Machine) -> Array:
-    """Feed of the cut beside every motion (m,) [m/s], where a beam is on whose power follows the speed; else 0."""
+def _feeds_with_a_beam(case: VerifyCase, cuts: tuple[IntArray, IntArray], jogs: IntArray, machine: Machine) -> Array:
+    """Feed of the cut beside each of some motions (n,) [m/s], where a beam's power follows the speed; else 0."""
     program, motions = case.compensated, case.compensated.motions
+    if machine.tool not in (None, "laser") or not cuts[0].size:
+        return np.zeros(jogs.size)
     lit = np.array([one.spindle == "M4" and one.speed != 0.0 for one in program.modal], dtype=np.bool_)
-    cuts = np.flatnonzero(~alone & (motions.kind != RAPID))
-    if machine.tool not in (None, "laser") or not cuts.size:
-        return np.zeros(motions.kind.size)
-    behind = np.searchsorted(cuts, np.arange(motions.kind.size))
-    feed = np.nan_to_num(motions.feed[cuts])
-    found = np.maximum(feed[np.maximum(behind - 1, 0)], feed[np.minimum(behind, cuts.size - 1)])
-    return np.asarray(np.where(lit[program.state[motions.block]], found, 0.0))
+    before, after = (np.nan_to_num(motions.feed[near]) for near in cuts)
+    return np.asarray(np.where(lit[program.state[motions.block[jogs]]], np.maximum(before, after), 0.0))
 
 
 _ANGLE = 1e-9

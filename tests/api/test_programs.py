@@ -18,7 +18,7 @@ from ph_post.api.programs import compensate_program
 from ph_post.compensate.options import PlanOptions
 from ph_post.dialects.declaration import line_origins
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.edits import EditOptions, Edits, StopEdit
+from ph_post.edit.edits import EditOptions, Edits, StopEdit, runs_of
 from ph_post.edit.undo import undo
 from ph_post.errors import InputError
 from ph_post.gcode.paths import paths_of
@@ -46,7 +46,7 @@ def test_stops_that_come_to_one_seat_are_declared_as_one():
     program = read_program(b"G21 G90\nG0 X0 Y0\nG1 X10 F600\nM2\n", "part.ngc")
     stops = tuple(StopEdit(motion=1, share=share, pause=0.01, shifts=()) for share in (0.5, 0.50000001))
     machine = stepper()
-    made = with_edits(program, Edits(offset=np.zeros((2, 3)), stops=stops), machine, "linuxcnc")
+    made = with_edits(program, Edits(runs=runs_of(np.zeros((2, 3))), stops=stops), machine, "linuxcnc")
     assert made.text.count(b"G4 P0.01") == 1
     assert b"(ph-post: 1 stops, 0 dips)" in made.text
     verdict = verify(program, read_program(made.text, "out"), tolerance=0.005 * MM, machine=machine)

@@ -13,7 +13,7 @@ from support.editing import compensate
 from ph_post.dialects.declaration import Declaration, declaration_lines, read_declaration
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit import write
-from ph_post.edit.edits import DipEdit, Edits, OffsetShift, StopEdit, merge_edits
+from ph_post.edit.edits import DipEdit, Edits, OffsetShift, StopEdit, merge_edits, runs_of
 from ph_post.edit.undo import Payload, payload_lines, read_payload, undo
 from ph_post.edit.word_shifts import LONGEST, assemble, shift_numbers, unshift_numbers
 from ph_post.errors import InputError
@@ -226,8 +226,10 @@ def test_changes_of_different_axes_are_merged() -> None:
     offset = np.zeros((3, 3))
     x, y = offset.copy(), offset.copy()
     x[:, 0], y[:, 1] = 1e-5, 2e-5
-    a = Edits(offset=x, stops=(_stop("X", 1, 0.5), _stop("X", 2, 1.0)), amplitude={"X": 1e-5}, warnings=("w",))
-    b = Edits(offset=y, stops=(_stop("Y", 0, 1.0), _stop("Y", 2, 1.0, 0.03)), pulse={"Y": 1e-5}, warnings=("w", "v"))
+    a = Edits(runs=runs_of(x), stops=(_stop("X", 1, 0.5), _stop("X", 2, 1.0)), amplitude={"X": 1e-5}, warnings=("w",))
+    b = Edits(
+        runs=runs_of(y), stops=(_stop("Y", 0, 1.0), _stop("Y", 2, 1.0, 0.03)), pulse={"Y": 1e-5}, warnings=("w", "v")
+    )
     both = merge_edits(a, b)
     assert [(stop.motion, stop.share) for stop in both.stops] == [(0, 1.0), (1, 0.5), (2, 1.0)]
     assert [shift.axis for shift in both.stops[2].shifts] == ["X", "Y"]
@@ -238,13 +240,13 @@ def test_changes_of_different_axes_are_merged() -> None:
 
 def test_one_axis_or_one_stretch_twice_is_refused() -> None:
     offset = np.zeros((3, 3))
-    a = Edits(offset=offset, amplitude={"X": 1e-5})
+    a = Edits(runs=runs_of(offset), amplitude={"X": 1e-5})
     with pytest.raises(ValueError, match="offset axis X"):
         merge_edits(a, a)
-    one = Edits(offset=offset, dips=(_dip(0.2, 0.5),))
-    assert len(merge_edits(one, Edits(offset=offset, dips=(_dip(0.5, 0.7),))).dips) == 2
+    one = Edits(runs=runs_of(offset), dips=(_dip(0.2, 0.5),))
+    assert len(merge_edits(one, Edits(runs=runs_of(offset), dips=(_dip(0.5, 0.7),))).dips) == 2
     with pytest.raises(ValueError, match="overlap"):
-        merge_edits(one, Edits(offset=offset, dips=(_dip(0.4, 0.7),)))
+        merge_edits(one, Edits(runs=runs_of(offset), dips=(_dip(0.4, 0.7),)))
 
 
 def _dip(low: float, high: float) -> DipEdit:

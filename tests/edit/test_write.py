@@ -13,7 +13,7 @@ from support.part_programs import distances, samples
 from support.reference_player import interpret
 
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.edits import CrossingEdit, CrossingPart, DipEdit, Edits, OffsetShift, StopEdit
+from ph_post.edit.edits import CrossingEdit, CrossingPart, DipEdit, Edits, OffsetShift, StopEdit, runs_of
 from ph_post.edit.preconditions import why_not_editable
 from ph_post.edit.undo import undo
 from ph_post.errors import InputError
@@ -35,7 +35,7 @@ def changed(text: str, *, dialect: str = "linuxcnc", **edits: object) -> Compens
     """Write changes that are told on motions."""
     program = read_program(text.encode(), "part.ngc")
     offset = np.zeros((program.motions.kind.size, 3))
-    found = with_edits(program, Edits(**{"offset": offset, **edits}), STEPPER, dialect)
+    found = with_edits(program, Edits(**{"runs": runs_of(offset), **edits}), STEPPER, dialect)
     assert not edits or undo(found.text, "part.ngc") == program.data
     return found
 
@@ -81,7 +81,7 @@ def test_no_arc_beside_a_crossing_ends_where_it_begins(apart: float) -> None:
     text = START.replace("Y0", "Y0 Z0") + "G2 X2 Y0 Z-1 I1\nG1 Z5\nM2\n"
     crossings = (crossing(1, apart, 0.2), crossing(-1, 0.5, 0.7), crossing(1, 0.7 + apart, 1.0 - apart))
     offset = np.array([[0.0, 0.0, 0.0], [0.01 * MM, 0.0, 0.0], [0.01 * MM, 0.0, 0.0]])
-    found = changed(text, crossings=crossings, offset=offset)
+    found = changed(text, crossings=crossings, runs=runs_of(offset))
     arcs = [move for move in interpret(found.text.decode()) if move.mode > 1]
     assert len(arcs) == 1
     for end, share in ((arcs[0].start, 0.2), (arcs[0].end, 0.5)):
@@ -252,7 +252,7 @@ def test_a_lasting_change_at_a_place_that_is_moved_to_the_end() -> None:
     offset = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.0, 0.0]]) * MM
     shift = OffsetShift(axis="X", travel=0.02 * MM, velocity=0.004, pause=0.02)
     stop = StopEdit(motion=1, share=1.0 - 1e-9, pause=0.01, shifts=(shift,))
-    found = changed("G0 X9 Y0\nG1 X5 Y5 F60\nG0 X0\nM2\n", offset=offset, stops=(stop,))
+    found = changed("G0 X9 Y0\nG1 X5 Y5 F60\nG0 X0\nM2\n", runs=runs_of(offset), stops=(stop,))
     assert lines(found)[1:4] == ["G1 X5 Y5 F60", "G4 P0.01", "G1 X5.02 F240"]
 
 
@@ -265,7 +265,7 @@ def test_a_rapid_that_carries_a_change_between_two_stops() -> None:
         StopEdit(motion=1, share=0.0, pause=0.01, shifts=(y,)),
         StopEdit(motion=1, share=1.0, pause=0.01, shifts=(x,)),
     )
-    found = changed("G0 X9 Y0\nG0 X5 Y5\nG0 X0 Y0\nM2\n", offset=offset, stops=stops)
+    found = changed("G0 X9 Y0\nG0 X5 Y5\nG0 X0 Y0\nM2\n", runs=runs_of(offset), stops=stops)
     moves = [line for line in lines(found) if line.startswith("G")]
     assert moves[1:] == [
         "G4 P0.01",
@@ -370,7 +370,7 @@ def test_a_program_in_two_units_carries_no_offset() -> None:
     program = read_program(b"G21 G90 F60\nG0 X0\nG1 X5\nG20\nX1\nM2\n", "part.ngc")
     offset = np.full((3, 3), 0.01 * MM)
     with pytest.raises(InputError, match="in both mm and inches"):
-        with_edits(program, Edits(offset=offset), STEPPER, "linuxcnc")
+        with_edits(program, Edits(runs=runs_of(offset)), STEPPER, "linuxcnc")
 
 
 def test_feeds_of_few_decimals_are_rounded_down() -> None:

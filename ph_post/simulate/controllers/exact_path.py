@@ -197,22 +197,29 @@ def plan_trapezoids(blocks: StraightBlocks, planner: ExactPath, limits: Array) -
     -------
     Trapezoids
     """
-    square = _squares(blocks, planner, limits)
+    square = _squares(blocks, corner_limits(blocks, planner, limits), planner, limits)
     times = block_times(square, blocks.length, blocks.push)
     taken = times.sum(axis=1)
     begins = np.cumsum(blocks.pause + taken) - taken
     return Trapezoids(square, times, begins, float(begins[-1] + taken[-1]) if taken.size else 0.0)
 
 
-def _squares(blocks: StraightBlocks, planner: ExactPath, limits: Array) -> Array:
-    """Return the squared speeds of :class:`Trapezoids`, (n, 3) [m²/s²]."""
-    shared = float(limits[:2, 1].min())
-    rule, numbers = corner_rule(planner, shared)
-    most, joined = np.ascontiguousarray(limits[:, 1]), blocks.joined
-    limit = corner_speeds(rule, numbers, blocks.unit, blocks.length, blocks.speed, blocks.push, most, joined)
+def corner_limits(blocks: StraightBlocks, planner: ExactPath, limits: Array) -> Array:
+    """Return what corners allow where blocks begin, as :func:`corner_speeds`: all that their directions are for."""
+    rule, numbers = corner_rule(planner, float(limits[:2, 1].min()))
+    most = np.ascontiguousarray(limits[:, 1])
+    found: Array = corner_speeds(
+        rule, numbers, blocks.unit, blocks.length, blocks.speed, blocks.push, most, blocks.joined
+    )
+    return found
+
+
+def _squares(blocks: StraightBlocks, limit: Array, planner: ExactPath, limits: Array) -> Array:
+    """Return the squared speeds of :class:`Trapezoids`, (n, 3) [m²/s²], with the limits of corners."""
+    joined = blocks.joined
     found: Array
     if isinstance(planner.corner, KlipperCorner):
-        asked = planner.corner.accel_to_decel
+        asked, shared = planner.corner.accel_to_decel, float(limits[:2, 1].min())
         smooth = 0.5 * shared if asked is None else min(asked, shared)
         found = look_ahead_smoothly(limit, blocks.length, blocks.speed, blocks.push, joined, smooth)
     else:
@@ -225,10 +232,13 @@ _PART: Final = 1 << 16
 
 
 def count_periods(
-    blocks: StraightBlocks, planner: ExactPath, limits: Array, period: float, program: PartProgram
+    blocks: StraightBlocks, limit: Array, planner: ExactPath, limits: Array, period: float, program: PartProgram
 ) -> int:
-    """Count the periods that blocks take, as :func:`plan_exact`, which raises the same; their places are not needed."""
-    square = _squares(blocks, planner, limits)
+    """Count the periods that blocks take, as :func:`plan_exact`, which raises the same.
+
+    `limit` is what corners allow; neither places nor directions of the blocks are needed.
+    """
+    square = _squares(blocks, limit, planner, limits)
     took, begin = np.empty(blocks.length.size), 0.0
     for first in range(0, took.size, _PART):
         part = slice(first, first + _PART)

@@ -24,7 +24,14 @@ from ph_post.simulate.controllers.chords import (
     without_places,
 )
 from ph_post.simulate.controllers.durations import check_duration, refuse_run
-from ph_post.simulate.controllers.exact_path import ExactRun, count_periods, exact_rows, plan_exact, steps_of
+from ph_post.simulate.controllers.exact_path import (
+    ExactRun,
+    corner_limits,
+    count_periods,
+    exact_rows,
+    plan_exact,
+    steps_of,
+)
 from ph_post.simulate.controllers.further_times import with_further_times
 from ph_post.simulate.controllers.legs import DRAINS, FIRST, MOTION, ORIGIN, PAUSE, RADIUS, Legs, table_of
 from ph_post.simulate.controllers.moves import bare_legs, limit_table, moves_of, own_moves, stops_before
@@ -105,7 +112,9 @@ class PlannedRun:
             limits, period = limit_table(machine), machine.servo_period
             blocks = _blocks(self._program, limits, self._planner, period, longest)
             if blocks.length.size and not blocks.start.size:
-                self._periods = count_periods(blocks, self._planner, limits, period, self._program)
+                corners = corner_limits(blocks, self._planner, limits)
+                blocks = blocks._replace(unit=np.zeros((0, 3)))
+                self._periods = count_periods(blocks, corners, self._planner, limits, period, self._program)
             else:
                 self._exact = plan_exact(blocks, self._planner, limits, period, self._program)
                 self._periods = self._exact.periods
