@@ -14,17 +14,8 @@ from decimal import Decimal
 from typing import Final
 
 from ph_post.dialects.heidenhain.iso_table import ISO_WORD, PLAIN, IsoRows
-from ph_post.dialects.heidenhain.tnc import (
-    JUMPED,
-    REPEATED,
-    NotFollowed,
-    Places,
-    Tnc,
-    TncLanguage,
-    TncSource,
-    joined,
-    number_of,
-)
+from ph_post.dialects.heidenhain.tnc import NotFollowed, Places, Tnc, joined, number_of
+from ph_post.dialects.heidenhain.tnc_source import JUMPED, REPEATED, TncLanguage, TncSource
 from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram
 
 _ANY: Final = re.compile("")

@@ -16,18 +16,8 @@ from decimal import Decimal
 from typing import Final
 
 from ph_post.dialects.heidenhain.table import KlartextRows
-from ph_post.dialects.heidenhain.tnc import (
-    JUMPED,
-    NUMBER,
-    REPEATED,
-    NotFollowed,
-    Places,
-    Tnc,
-    TncLanguage,
-    TncSource,
-    joined,
-    number_of,
-)
+from ph_post.dialects.heidenhain.tnc import NUMBER, NotFollowed, Places, Tnc, joined, number_of
+from ph_post.dialects.heidenhain.tnc_source import JUMPED, REPEATED, TncLanguage, TncSource
 from ph_post.dialects.reading import Remark
 from ph_post.gcode.program import PartProgram
 

@@ -35,7 +35,8 @@ from ph_post.simulate.controllers.exact_path import (
 from ph_post.simulate.controllers.further_times import with_further_times
 from ph_post.simulate.controllers.legs import DRAINS, FIRST, MOTION, ORIGIN, PAUSE, RADIUS, Legs, table_of
 from ph_post.simulate.controllers.moves import bare_legs, limit_table, moves_of, own_moves, stops_before
-from ph_post.simulate.controllers.planner import COLUMNS, KIND, MOST, ROUNDING, plan_legs, run_legs
+from ph_post.simulate.controllers.planner import COLUMNS, KIND, MOST, ROUNDING, plan_legs
+from ph_post.simulate.controllers.planner_cycles import run_legs
 from ph_post.simulate.controllers.unknown import known_ends
 from ph_post.types import Array, Command, ControllerPlanner, ExactPath, IntArray, Machine, RoundedPath, sealed
 

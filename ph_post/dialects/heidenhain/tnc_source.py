@@ -1,0 +1,179 @@
+"""The lines of a program of Heidenhain's TNC, in either language: its head, and labels, repeats and jumps."""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Mapping
+from decimal import Decimal
+from typing import Final, Protocol
+
+import msgspec
+from msgspec.structs import replace
+
+from ph_post.dialects.heidenhain.tnc import Tnc
+from ph_post.dialects.reading import NOT_UNDERSTOOD, XYZ_ONLY, Remark, line_error, read_translated, text_of
+from ph_post.errors import InputError
+from ph_post.gcode.program import PartProgram, WordTable
+from ph_post.gcode.words import lines_of
+
+_ROOM: Final = 1000
+_FOREIGN: Final = re.compile(rf"(?![^\W\d])[^\x00-\x7f]|\d{{{_ROOM},}}")
+"""Blanks, digits and signs that no control knows, all but letters of names; numbers longer than it has room for."""
+
+REPEATED: Final = "repeated part"
+JUMPED: Final = "part that is jumped over or back to"
+_CALLED: Final = "part that is called from elsewhere"
+
+
+class TncRows(Protocol):
+    """Makes the word table of a program, line by line."""
+
+    def add(self, block: int, base: int, line: str, feed: Decimal | None = None) -> None:
+        """Add the words of a line whose first byte is at `base`; `feed` is what a parameter gives it."""
+
+    def table(self) -> WordTable:
+        """Return the table."""
+
+
+class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
+    """Frame, labels and jumps of one of the two languages.
+
+    Parameters
+    ----------
+    plain : callable
+        ``plain(line)``: a line in capitals without its number, comment and end.
+    head : pattern
+        Of the first line.
+    refusal, expected_head : str
+        What a program is called whose first line does not match, and what is expected there.
+    label : pattern
+        Of a label, its name the group.
+    calls : mapping of str to pattern
+        By what becomes of the lines between, what repeats or jumps: the label as it stands there is the
+        first group, its name the last.
+    called, ends : pattern
+        Of a call that comes back, its label as of `calls`, and of the label that ends what is called.
+    rows : callable
+        Makes the rows of a word table.
+    """
+
+    plain: Callable[[str], str]
+    head: re.Pattern[str]
+    refusal: str
+    expected_head: str
+    label: re.Pattern[str]
+    calls: Mapping[str, re.Pattern[str]]
+    called: re.Pattern[str]
+    ends: re.Pattern[str]
+    rows: Callable[[], TncRows]
+
+
+def _own(text: str) -> str:
+    """Put a sign that nothing understands in the place of all that is foreign to a control."""
+    if text.isascii() and len(text) < _ROOM:
+        return text
+    return _FOREIGN.sub(lambda found: "\ufffd" * len(found[0]), text)
+
+
+class TncSource:
+    """The lines of a program.
+
+    Parameters
+    ----------
+    data, name
+        As for :func:`ph_post.gcode.read.read_program`.
+    language : TncLanguage
+
+    Attributes
+    ----------
+    texts : list of str
+        The plain text of each line.
+
+    Raises
+    ------
+    InputError
+        Where the text is empty, or no text.
+    """
+
+    def __init__(self, data: bytes, name: str, language: TncLanguage) -> None:
+        self._data, self._name, self._lines, self._language = data, name, lines_of(data, name), language
+        whole = (text_of(data, self._lines, number) for number in range(self._lines.size - 1))
+        self.texts = [language.plain(_own(line.upper().decode("utf-8", "replace"))) for line in whole]
+
+    def head(self) -> tuple[int, re.Match[str]]:
+        """Return the number of the line with which the program begins, and its match as a head.
+
+        Raises
+        ------
+        InputError
+            If no line matches.
+        """
+        what, expected = self._language.refusal, self._language.expected_head
+        for number, text in enumerate(self.texts):
+            head = self._language.head.match(text)
+            if head is not None:
+                return number, head
+        first = next((number for number, text in enumerate(self.texts) if text), None)
+        if first is None:
+            raise InputError(self._name, what, expected=expected, got="comments alone")
+        raise self._refused(first, what, expected, self.texts[first][:40])
+
+    def program(self, tnc: Tnc, *, contours: bool = False) -> PartProgram:
+        """Read the translation by `tnc`, which has followed all lines; pass repeats and jumps through."""
+        for first, last, what in self._stretches():
+            for number in range(first, last + 1):
+                if text_of(self._data, self._lines, number).strip():
+                    tnc.texts[number] = NOT_UNDERSTOOD
+                    tnc.remarks[number] = Remark(what=what)
+        texts = [text.encode() for text in tnc.with_modes()]
+        found = self._language.rows()
+        for number in range(self._lines.size - 1):
+            line = _own(text_of(self._data, self._lines, number).decode("latin-1"))
+            found.add(number, int(self._lines[number]), line, feed=tnc.feeds.get(number))
+        program = read_translated(
+            self._data,
+            self._lines,
+            self._name,
+            texts,
+            tnc.remarks,
+            in_place=False,
+            language=replace(XYZ_ONLY, contours=contours),
+            words=found.table(),
+        )
+        moves = set(program.motions.block.tolist())
+        return replace(
+            program,
+            # The plane of a circle is that of its own centre, and no mode.
+            modal=tuple(replace(one, plane=17) for one in program.modal),
+            poles=tnc.poles,
+            centre_users={
+                **{line: (pole, line in moves) for line, pole in tnc.arcs.items()},
+                **{line: (pole, False) for line, pole in tnc.users.items()},
+            },
+        )
+
+    def _stretches(self) -> Iterator[tuple[int, int, str]]:
+        """Find the lines that repeats run more than once, and jumps perhaps not, or more than once."""
+        set_at = [self._language.label.search(text) for text in self.texts]
+        labels = {found[1]: number for number, found in enumerate(set_at) if found}
+        ends = [number for number, text in enumerate(self.texts) if self._language.ends.search(text)]
+        for number, text in enumerate(self.texts):
+            away = None if set_at[number] else self._language.called.search(text)
+            if away is not None and away[1] in labels:
+                begin = labels[away[1]]
+                yield begin, [*ends, len(self.texts) - 1][bisect_right(ends, begin)], _CALLED
+            for what, pattern in self._language.calls.items():
+                call = None if set_at[number] else pattern.search(text)
+                if call is None:
+                    continue
+                place = labels.get(call.groups()[-1])
+                if place is None:
+                    # The control stops here.
+                    yield number, len(self.texts) - 1, f"label that is not known: {call[1]}"
+                    continue
+                yield min(place, number), max(place, number), what
+
+    def _refused(self, number: int, what: str, expected: str, got: str) -> InputError:
+        shown = "".join(one if one.isprintable() else "?" for one in got)
+        return line_error(self._data, self._lines, self._name, number, what, expected, shown)

@@ -1,0 +1,471 @@
+"""Translate lines of Siemens programs into words of RS274, one by one, with the modes that they set."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from decimal import Decimal
+from typing import Final
+
+from msgspec.structs import replace
+
+from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark
+from ph_post.dialects.siemens import words as tables
+from ph_post.dialects.siemens.parameters import evaluate
+from ph_post.dialects.siemens.table import SiemensRows
+from ph_post.dialects.siemens.words import (
+    CircleWords,
+    Extras,
+    FeedProfileWords,
+    PolynomialWords,
+    Word,
+    read_words,
+    without_comment,
+)
+from ph_post.expand.sinumerik import SYNCHRONIZED, definitions
+from ph_post.gcode.program import AXES, CENTERS
+from ph_post.gcode.read import shortened
+
+_LEADING: Final = re.compile(r"[ \t]*(/\d?)?[ \t]*(?::\d+|N\d+)?[ \t]*(?:[A-Z_]\w+[ \t]*:(?!=)[ \t]*)?", re.IGNORECASE)
+"""Block delete, number and label of a line."""
+
+_PARAMETER: Final = re.compile(r"R\d+|R\[.*\]")
+_QUIET: Final = re.compile(r"[NTDSHM]\d*|ACC\[.*\]")
+_CENTERS: Final = tuple(CENTERS.values())
+_TOOL_CHANGE: Final = 6
+_SPEEDS: Final = frozenset("ST")
+_TANGENTIAL: Final = "CT"
+_ROUNDINGS: Final = frozenset(("RND", "CHF", "CHR", "RNDM"))
+"""Corners that are rounded or chamfered: behind the block, with RNDM behind all."""
+
+_KNOWN: Final = frozenset((*tables.MOTIONS, "POLY", "CIP", ""))
+_ELSEWHERE: Final = frozenset(("G53", "G153", "G500", "G54", "G55", "G56", "G57", "G70", "G71", "G700", "G710"))
+"""G words behind which the places of axes have other numbers."""
+
+_SHAPES: Final = frozenset((*AXES, *_CENTERS, "I1", "J1", "K1", "", "PL", "CR", "TURN"))
+"""Names that shape a motion; the empty one is a denominator."""
+
+
+class SiemensModes:
+    """Modes in force: `motion` G0 to G3, POLY, CIP or another word, measures, and whether F comes linearly.
+
+    `at` are the places of the axes that are known, and `parameters` the R parameters; with `rounded` corners are
+    rounded until RNDM=0, and with `cut` the corner before the next motion is. `frames` are the words that have moved
+    or turned the frame.
+    """
+
+    def __init__(self) -> None:
+        self.motion = ""
+        self.absolute = True
+        self.linear = False
+        self.modal_call = False
+        self.rounded = False
+        self.cut = False
+        self.frames: set[str] = set()
+        self.at: dict[str, Decimal] = {}
+        self.parameters: dict[str, Decimal] = {}
+        self.names: set[str] = set()
+
+    def is_parameter(self, name: str) -> bool:
+        """Return whether a name is that of an R parameter, or of a variable that the program defines."""
+        return name in self.names or _PARAMETER.fullmatch(name) is not None
+
+
+class Translator:
+    """Lines one after the other; `extras` is what is found beside them.
+
+    A line with something that is not understood is passed through and named, and the position is unknown
+    behind it. `rows` are the words of all lines, `motions` the motion word in force behind each where RS274 has
+    another; `moves` are lines that move, and `tangents` those of them from which a tangential one goes on, so that
+    nothing may be put between. `diameters` are what the words of diameters are in RS274. With `computes` parameters are
+    worked out, which holds where lines run in their order.
+    """
+
+    def __init__(
+        self,
+        *,
+        computes: bool = True,
+        forced: Mapping[int, str] = {},
+        diameters: Mapping[str, str] = tables.DIAMETERS,
+    ) -> None:
+        self.extras = Extras(polynomials={}, circles={}, profiles={}, remarks={})
+        self.modes = SiemensModes()
+        self.rows = SiemensRows()
+        self.motions: dict[int, str] = {}
+        self.moves: list[int] = []
+        self.tangents: set[int] = set()
+        self.diameters = diameters
+        self._computes, self._forced = computes, forced
+
+    def translate(self, number: int, text: str, base: int) -> str:
+        """Return the RS274 line of a line, whose first byte is at `base`."""
+        if text.lstrip().startswith("%"):
+            return ""
+        bare = without_comment(text)
+        leading = _LEADING.match(bare)
+        if SYNCHRONIZED.match(bare, leading.end() if leading else 0):
+            # It belongs to the next block that moves, which has to stay the next one.
+            self.modes.cut = True
+            return self.passed(number, f"synchronized action: {bare.strip()}", 1, NOT_UNDERSTOOD)
+        defined = definitions(bare[leading.end() if leading else 0 :].strip())
+        if defined:
+            self._define(defined)
+            return ""
+        line, skip = self._words_of(text)
+        if line is None:
+            return self.passed(number, without_comment(text).strip(), 1, NOT_UNDERSTOOD)
+        words = self._computed(line)
+        dwell, absolute = any(g_word(word) == "G4" for word in words), self.modes.absolute
+        found = skip + self._line(number, words) if words else ""
+        absolute = next((g_word(one) == "G90" for one in reversed(words) if g_word(one) in ("G90", "G91")), absolute)
+        if words:
+            self.rows.add(number, base, words, dwell=dwell, absolute=absolute)
+        if self.modes.motion not in tables.MOTIONS:
+            self.motions[number] = self.modes.motion
+        return found
+
+    def pass_unread(self, number: int, text: str, base: int, what: str) -> str:
+        """Pass a line through that may run more than once, or not at all; its words are kept."""
+        words, _ = self._words_of(text)
+        if words:
+            self.rows.add(number, base, words, dwell=False, absolute=True)
+        return self.passed(number, what, 1, NOT_UNDERSTOOD) if without_comment(text).strip() else ""
+
+    @staticmethod
+    def _words_of(text: str) -> tuple[list[Word] | None, str]:
+        line = without_comment(text)
+        leading = _LEADING.match(line)
+        start = leading.end() if leading else 0
+        return read_words(" " * start + line[start:]), "/" if leading and leading[1] else ""
+
+    def _computed(self, words: list[Word]) -> list[Word]:
+        """Return words with numbers in the place of what follows from parameters that are known before the line."""
+        if not self._computes or all(word.kind != "computed" for word in words):
+            return words
+        known = self.modes.parameters
+        fresh = {word.name for word in words if self.modes.is_parameter(word.name)}
+        found = []
+        for word in words:
+            other = {name: value for name, value in known.items() if name == word.name or name not in fresh}
+            value = evaluate(word.text.partition("=")[2], other) if word.kind == "computed" else None
+            number = word if value is None else replace(word, kind="number", values=(format(value, "f"),))
+            found.append(number)
+        return found
+
+    def _line(self, number: int, words: list[Word]) -> str:
+        first = words[0]
+        if first.name == "MCALL":
+            self.modes.modal_call = len(words) > 1
+            return self.passed(number, "modal subprogram call", first.column, FORGOTTEN)
+        if self.modes.modal_call:
+            return self.passed(number, "block with a modal subprogram call", first.column, FORGOTTEN)
+        if number in self._forced:
+            line = _Line(self, number, words)
+            line.text()
+            return line.passed(first.column, self._forced[number])
+        if first.name in tables.DECLARATIONS or any(g_word(word) in tables.LIMITS for word in words):
+            return ""
+        return "M2" if first.name == "RET" else _Line(self, number, words).text()
+
+    def _define(self, defined: Sequence[tuple[str, str, str | None]]) -> None:
+        """Take the variables that a line defines, with their values where these are known."""
+        for name, kind, value in defined:
+            self.modes.names.add(name)
+            number = Decimal(0) if value is None else evaluate(value, self.modes.parameters)
+            self.modes.parameters.pop(name, None)
+            if number is not None and self._computes and (kind == "REAL" or number == number.to_integral_value()):
+                self.modes.parameters[name] = number
+
+    def passed(self, number: int, what: str, column: int, text: str) -> str:
+        """Name what is not understood on a line, and return what stands for it."""
+        self.modes.at.clear()
+        if text == NOT_UNDERSTOOD:
+            self.modes.parameters.clear()
+        self.extras.remarks[number] = Remark(what=shortened(what), column=column)
+        return text
+
+
+class _Line:
+    """One line in the making: `parts` are its RS274 words, `named` what shapes its motion."""
+
+    def __init__(self, of: Translator, number: int, words: list[Word]) -> None:
+        self.of, self.modes, self.number, self.words = of, of.modes, number, words
+        self.parts: list[str] = []
+        self.named: dict[str, Word] = {}
+        self.dwell = any(g_word(word) == "G4" for word in words)
+        self.home = any(g_word(word) in ("G74", "G75") for word in words)
+        self.machine = any(g_word(word) in _ELSEWHERE or word.name == "SUPA" for word in words)
+        self.ends: dict[str, Decimal] = {}
+        self.unknown: Word | None = None
+        self.lost = FORGOTTEN
+
+    def text(self) -> str:
+        """Return the line."""
+        for word in self.words:
+            self._take(word)
+        if self.dwell:
+            return self._dwell()
+        if self.home or self.machine:
+            self.modes.at.clear()
+        if not self.home:
+            self._shape()
+        if self.unknown is not None:
+            return self.passed(self.unknown.column, self._name_of(self.unknown))
+        self.modes.at |= self.ends
+        return " ".join(part for part in self.parts if part)
+
+    def _name_of(self, word: Word) -> str:
+        """Name what is not understood: a lone name that is no word of the language calls a subprogram."""
+        text = word.text.strip()
+        if word.name == "L" and word.kind == "number":
+            return f"missing subprogram: {text}"
+        alone = word is self.words[0] and all(one.name == "P" for one in self.words[1:])
+        if alone and self.lost == NOT_UNDERSTOOD and word.kind in ("keyword", "call") and not word.name.startswith("$"):
+            return f"unknown word or subprogram: {text}"
+        return text
+
+    def passed(self, column: int, what: str) -> str:
+        """Pass the line through; the modes and the feed that it sets are taken in all the same."""
+        modes = [part for part in self.parts if part[:1] in "GMF"]
+        for found in (self.of.extras.polynomials, self.of.extras.circles, self.of.extras.profiles):
+            found.pop(self.number, None)
+        text = " ".join([*(part for part in modes if part), self.lost])
+        return self.of.passed(self.number, what, column, text)
+
+    def _refuse(self, word: Word, lost: str = FORGOTTEN) -> None:
+        self.unknown = self.unknown or word
+        self.lost = lost if self.lost == FORGOTTEN else self.lost
+
+    def _take(self, word: Word) -> None:
+        name, plain = word.name, word.kind == "number" and not word.function
+        if plain and name == "G":
+            self._g(word)
+        elif plain and name == "M":
+            self._m(word)
+        elif word.kind == "number" and name in _SHAPES:
+            self.named[name] = word
+        elif word.kind == "number" and name == "F":
+            self._feed(word)
+        elif word.kind == "keyword":
+            self._keyword(word)
+        elif word.kind == "call":
+            self._call(word)
+        else:
+            self._assigned(word)
+
+    def _assigned(self, word: Word) -> None:
+        """Take values of parameters, tools, spindles and tolerances, which move nothing; refuse others."""
+        plain = word.kind == "number" and not word.function
+        if plain and (word.name in self.modes.names or re.fullmatch(r"R\d+", word.name)):
+            self.modes.parameters[word.name] = Decimal(word.values[0])
+        elif self.modes.is_parameter(word.name):
+            if word.name in self.modes.parameters:
+                del self.modes.parameters[word.name]
+            elif "[" in word.name:
+                self.modes.parameters.clear()
+            self.of.extras.remarks[self.number] = Remark(
+                what=shortened(f"parameter: {word.text.strip()}"), column=word.column
+            )
+        elif plain and word.name in _SPEEDS:
+            self.parts.append(f"{word.name}{word.values[0]}")
+        elif word.name in _ROUNDINGS:
+            self._round(word)
+        elif word.name not in tables.QUIET_NAMES and not _QUIET.fullmatch(word.name):
+            modal = word.name in ("F", "L") or word.name.startswith("$")
+            if not (self.home and re.fullmatch(r"[A-Z]\d", word.name)):
+                self._refuse(word, NOT_UNDERSTOOD if modal else FORGOTTEN)
+
+    def _round(self, word: Word) -> None:
+        """Note that the corner behind this block is rounded or chamfered, or with RNDM all from here on are."""
+        if word.name == "RNDM":
+            self.modes.rounded = word.kind != "number" or float(word.values[0]) != 0.0
+        else:
+            self.modes.cut = True
+            self._refuse(word)
+
+    def _g(self, word: Word) -> None:
+        code = g_word(word)
+        if code in ("G90", "G91"):
+            self.modes.absolute = code == "G90"
+            self.parts.append(code)
+        elif code in tables.FRAMES:
+            self._to_frame(word, tables.FRAMES[code])
+        elif code in tables.G_WORDS:
+            self.modes.motion = code if code in tables.MOTIONS else self.modes.motion
+            self.parts.append(tables.G_WORDS[code] + self._rounding(code))
+        elif re.fullmatch(r"G5\d\d", code):
+            self.parts.append("G59.2")
+            self._refuse(word)
+        elif code != "G4":
+            self.modes.motion = code
+            self._refuse(word, NOT_UNDERSTOOD)
+
+    def _rounding(self, code: str) -> str:
+        """Return how far from a corner a path mode rounds it, as far as the line says."""
+        near = next((word for word in self.words if word.name == "ADIS" and word.kind == "number"), None)
+        return f" P{near.values[0]}" if near is not None and code.startswith("G64") and len(code) > len("G64") else ""
+
+    def _m(self, word: Word) -> None:
+        code = float(word.values[0])
+        if code in tables.ENDS:
+            self.parts.append("M2")
+        elif code in tables.M_WORDS:
+            self.parts.append(f"M{code:g}")
+            if code == _TOOL_CHANGE:
+                self.modes.at.clear()
+        elif code not in tables.QUIET_M:
+            self._refuse(word)
+
+    def _keyword(self, word: Word) -> None:
+        name = word.name
+        if name in ("POLY", "CIP"):
+            self.modes.motion = name
+            self.parts.append("G1")
+        elif name in ("FNORM", "FLIN"):
+            self.modes.linear = name == "FLIN"
+        elif name == "SUPA":
+            self.parts.append("G53")
+        elif name in self.of.diameters:
+            self.parts.append(self.of.diameters[name])
+        elif name in tables.FRAMES:
+            self._to_frame(word, tables.FRAMES[name])
+        elif name in tables.OTHER_MOTIONS:
+            self.modes.motion = name
+            self._refuse(word)
+        elif name not in tables.QUIET:
+            self._refuse(word, NOT_UNDERSTOOD)
+
+    def _call(self, word: Word) -> None:
+        group = re.sub(r"\s", "", word.text.upper())
+        if group == "CYCLE800()":
+            self._to_basic_position(word)
+        elif word.name in tables.FRAMES:
+            self._to_frame(word, tables.FRAMES[word.name])
+        elif word.name not in tables.QUIET_CALLS and group not in ("FGROUP()", "FGROUP(X,Y,Z)"):
+            self._refuse(word, FORGOTTEN if word.name.startswith(tables.CYCLES) else NOT_UNDERSTOOD)
+
+    def _to_frame(self, word: Word, code: str) -> None:
+        """Note that the frame is another: a word that begins the program's own one anew turns no other one back."""
+        own = self.modes.frames <= tables.PROGRAMMABLE
+        alone = len(self.words) == 1 and word.name in tables.CLEARING
+        self.parts.append("G69" if own and alone else code if own or code != "G69" else "")
+        if not (own and alone):
+            self.modes.frames.add(word.name)
+        self._refuse(word)
+
+    def _to_basic_position(self, word: Word) -> None:
+        """Note that no plane is swivelled: CYCLE800 without values takes back the frames that it has set."""
+        self.modes.frames.discard(word.name)
+        self.parts.append("" if self.modes.frames else "G69")
+        self._refuse(word)
+
+    def _feed(self, word: Word) -> None:
+        """Take F, the end of what changes within the block, and keep its course beside it."""
+        if self.dwell:
+            self.named["F"] = word
+            return
+        values = [*map(float, word.values), 0.0, 0.0]
+        if word.function == "FPO":
+            self.of.extras.profiles[self.number] = FeedProfileWords(end=values[0], quad=values[1], cub=values[2])
+        elif self.modes.linear:
+            self.of.extras.profiles[self.number] = FeedProfileWords(end=values[0])
+        self.parts.append(f"F{word.values[0]}")
+
+    def _dwell(self) -> str:
+        """G4 F is a time; that of G4 S, turns of the spindle, is not known, but moves nothing either."""
+        time = self.named.get("F")
+        return f"G4 P{time.values[0] if time else 0}"
+
+    def _shape(self) -> None:
+        """Add the words of the motion."""
+        ends = {name: self.named[name] for name in AXES if name in self.named}
+        if not ends and not any(name in self.named for name in (*_CENTERS, "")):
+            return
+        first = next(iter(self.named.values()))
+        cut, self.modes.cut = self.modes.cut, any(word.name in _ROUNDINGS for word in self.words)
+        if self.modes.motion not in _KNOWN or self.modes.rounded or cut:
+            self._refuse(first)
+        if self.modes.motion == _TANGENTIAL:
+            self.of.tangents.update(self.of.moves[-1:])
+        self.of.moves.append(self.number)
+        start = dict(self.modes.at)
+        self.parts = [one for one in self.parts if one not in ("G90", "G91")]
+        self.parts.insert(0, "G90" if self.modes.absolute else "G91")
+        for name, word in ends.items():
+            self._end(name, word)
+        if self.modes.motion in ("G2", "G3"):
+            self._arc(start)
+        elif self.modes.motion == "CIP":
+            self._circle()
+        elif self.modes.motion == "POLY":
+            self._polynomial(ends)
+
+    def _end(self, name: str, word: Word) -> None:
+        """Add the end of an axis, in the measure that is in force."""
+        absolute, value = self.modes.absolute, Decimal(word.values[0])
+        kind = word.function if word.function in ("AC", "IC") else "AC" if absolute else "IC"
+        base = self.modes.at.get(name)
+        if kind == "IC" and base is not None:
+            self.ends[name] = base + value
+        elif kind == "AC":
+            self.ends[name] = value
+        else:
+            self.modes.at.pop(name, None)
+        if (absolute and name not in self.ends) or (not absolute and kind == "AC"):
+            self._refuse(word)
+        else:
+            found = self.ends[name] if absolute else value
+            if word.function == "IC" and absolute:
+                word = self._exchange(word, found)
+            self.parts.append(f"{name}{format(found, 'f')}")
+
+    def _exchange(self, word: Word, value: Decimal) -> Word:
+        """Put a word with a value in the place of another one, for the table of words."""
+        made = replace(word, values=(format(value, "f"),), function="")
+        self.words[self.words.index(word)] = made
+        return made
+
+    def _arc(self, start: Mapping[str, Decimal]) -> None:
+        centers = {name: self.named[name] for name in _CENTERS if name in self.named}
+        for name, word in centers.items():
+            value = Decimal(word.values[0])
+            if word.function == "AC":
+                base = start.get(AXES[_CENTERS.index(name)])
+                if base is None:
+                    self._refuse(word)
+                    return
+                value -= base
+            self.parts.append(f"{name}{format(value, 'f')}")
+        if len({word.function == "AC" for word in centers.values()}) > 1:
+            self._refuse(next(iter(centers.values())))
+        if "CR" in self.named:
+            self.parts.append(f"R{self.named['CR'].values[0]}")
+        if "TURN" in self.named:
+            self.parts.append(f"P{int(float(self.named['TURN'].values[0])) + 1}")
+
+    def _circle(self) -> None:
+        points = {name[0]: word for name, word in self.named.items() if name in ("I1", "J1", "K1")}
+        own = "AC" if self.modes.absolute else "IC"
+        kinds = {word.function or own for word in points.values()}
+        if len(kinds) != 1:
+            self._refuse(self.words[0])
+            return
+        point = {AXES[_CENTERS.index(name)]: float(word.values[0]) for name, word in points.items()}
+        self.of.extras.circles[self.number] = CircleWords(point=point, absolute=kinds == {"AC"})
+
+    def _polynomial(self, ends: Mapping[str, Word]) -> None:
+        given = {name: tuple(map(float, word.values[1:])) for name, word in ends.items()}
+        below = tuple(map(float, self.named[""].values)) if "" in self.named else ()
+        length = float(self.named["PL"].values[0]) if "PL" in self.named else 1.0
+        most = max((len(values) for values in (*given.values(), below[1:])), default=0)
+        if most > 4 or not length > 0.0:
+            self._refuse(next(iter(self.named.values())))
+        elif most or below:
+            self.of.extras.polynomials[self.number] = PolynomialWords(axes=given, below=below, length=length)
+
+
+def g_word(word: Word) -> str:
+    """Name a G word without leading zeros; empty for others."""
+    if word.kind != "number" or word.name != "G" or word.function:
+        return ""
+    return f"G{float(word.values[0]):g}"
