@@ -76,7 +76,7 @@ def test_a_file_of_another_structure_is_said_and_nothing_is_made_of_it_but_what_
     assert not any("single loop" in one for one in found.notes)
 
 
-@pytest.mark.parametrize("gain", [8.0, 900.0])
+@pytest.mark.parametrize("gain", [pytest.param(8.0, marks=pytest.mark.slow), 900.0])
 def test_a_servo_far_from_the_file_is_named_with_what_it_hides(gain: float) -> None:
     """In one search beside the servo that the log shows, and not in one of every name beside the file's."""
     log = record(KNOWN, gap=2e-5, coulomb=0.05)
@@ -99,6 +99,7 @@ def test_a_long_filter_is_not_taken_for_a_slow_servo() -> None:
     assert named(found) == {"command_filter": pytest.approx(30.0, rel=0.01), "backlash": pytest.approx(0.02, rel=0.01)}
 
 
+@pytest.mark.slow
 def test_where_noise_alone_is_not_left_beside_another_servo_nothing_is_named_but_the_gap_of_both_sides() -> None:
     """The motor shakes at 31 Hz and takes the table along, which no name explains."""
     command = moves()

@@ -77,6 +77,7 @@ def test_a_table_on_easy_guideways_runs_on_across_its_gap(gap: float, friction: 
     assert found.slows == pytest.approx(friction, rel=0.3)
 
 
+@pytest.mark.slow
 def test_the_gap_of_a_table_that_runs_on_is_named_and_the_spring_that_it_resembles_is_not() -> None:
     log, machine = logged(8.0 * UM, friction=0.15)
     found = diagnose(log, machine)

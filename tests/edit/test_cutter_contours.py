@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import re
 import shutil
+from functools import cache
 
 import pytest
 from support.canon import needs_rs274
@@ -40,6 +41,7 @@ M30
 """
 
 
+@cache
 def changed(text, dialect="linuxcnc", ending=".ngc"):
     source = SourceBytes(name=f"a{ending}", stem="a", data=text.encode())
     return compensated(source, stepper(dialect), CompensateOptions(tool_table=TOOLS), "program", no_progress)
@@ -233,6 +235,7 @@ def turned(rng):
 
 @needs_rs274
 @pytest.mark.parametrize("seed", range(8))
+@pytest.mark.thinned(2)
 def test_random_profiles_are_followed_by_the_nose(seed):
     rng = random.Random(seed)
     text = turned(rng)

@@ -72,8 +72,12 @@ def test_friction_and_offset_are_named_from_position_and_force(run: Run) -> None
     assert steps[-1]["holdout_rms"] <= 0.0019
 
 
-def test_position_alone_of_unknown_side_cannot_tell_friction_from_play(run: Run) -> None:
-    found = run(EMPS, [*COMMAND, "--column", "X_act=qm:m", "--side", "X=unknown"])
+def test_position_alone_of_unknown_side_cannot_tell_friction_from_play(run: Run, tmp_path: Path) -> None:
+    data = loadmat(EMPS)
+    columns = [data["t"].ravel(), 1e3 * data["qg"].ravel(), 1e3 * data["qm"].ravel()]
+    record = tmp_path / "alone.csv"
+    np.savetxt(record, np.column_stack(columns)[:SHOWN], "%.6f", ",", header="t,X_cmd,X_act", comments="")
+    found = run(record, ["--side", "X=unknown"])
     assert found["verdict"] == "ambiguous"
     first = found["effects"][0]
     assert {"coulomb_friction", "backlash"} <= {first["name"], *first["ambiguous_with"]}

@@ -12,6 +12,8 @@ import numpy as np
 from ph_post.drive.plant import Plant
 from ph_post.types import Array, Cascade, Pickup
 
+from .ideal_play import dragged
+
 PERIOD = 1e-3
 ROWS = 700
 FINE = 100
@@ -123,11 +125,7 @@ def _motor_of(drive, command, coulomb, fine, against, bends):  # type: ignore[no
 
 
 def play(motor: Array, gap: float, flank: int = 1) -> Array:
-    table, found = motor[0] - flank * gap / 2.0, []
-    for place in motor:
-        table = min(max(table, place - gap / 2.0), place + gap / 2.0)
-        found.append(table)
-    return np.array(found)
+    return dragged(motor, gap / 2.0, motor[0] - flank * gap / 2.0)
 
 
 def pushed(motor: Array, gap: float, friction: float) -> Array:

@@ -6,6 +6,8 @@ motions come from `interpreter.py`, the distances from a search tree of scipy: n
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -32,6 +34,22 @@ def samples(text: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.concatenate(points), np.concatenate(time), np.concatenate(cuts)
 
 
+def dragged(motor: np.ndarray, half: float, begin: float) -> np.ndarray:
+    """Places of a table that one motor takes along, which stands at `begin`; `half` the backlash is on either side.
+
+    From turn to turn of the motor the table stands until a side of the backlash comes to it.
+    """
+    found = np.empty_like(motor)
+    found[0] = min(max(begin, motor[0] - half), motor[0] + half)
+    rises = np.diff(motor) >= 0.0
+    turns = (np.flatnonzero(rises[1:] != rises[:-1]) + 1).tolist()
+    for first, last in pairwise([0, *turns, rises.size]):
+        way, at = motor[first + 1 : last + 1], found[first]
+        up = rises[first:last].all()
+        found[first + 1 : last + 1] = np.maximum(at, way - half) if up else np.minimum(at, way + half)
+    return found
+
+
 def table(motor: np.ndarray, backlash: dict[str, float], sides: dict[str, float]) -> np.ndarray:
     """Table positions [mm] behind play (full width, by axis) that begins with the motor on given sides."""
     found = motor.copy()
@@ -39,10 +57,7 @@ def table(motor: np.ndarray, backlash: dict[str, float], sides: dict[str, float]
         half = 0.5 * backlash.get(name, 0.0)
         if half == 0.0:
             continue
-        behind = motor[0, column] - sides[name] * half
-        for row, ahead in enumerate(motor[:, column].tolist()):
-            behind = min(max(behind, ahead - half), ahead + half)
-            found[row, column] = behind
+        found[:, column] = dragged(motor[:, column], half, motor[0, column] - sides[name] * half)
     return found
 
 

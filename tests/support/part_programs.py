@@ -11,6 +11,8 @@ from scipy.spatial import cKDTree
 from ph_post.gcode.program import ARC, CUBIC, PLANE_AXES, PartProgram
 from ph_post.types import Array, IntArray
 
+from .ideal_play import dragged
+
 LONG = 4.0
 """Chords so many times as long as most are few, and each is looked at from everywhere."""
 
@@ -190,12 +192,9 @@ def played(motor: Array, gap: Array, flank: Array) -> Array:
 
     `gap` (3,) [m] is the lost motion of each axis; `flank` (3,), +1 or -1, the side the table begins on.
     """
-    table = np.empty_like(motor)
-    at = motor[0] + 0.5 * gap * flank
-    for row, place in enumerate(motor):
-        at = np.clip(at, place - 0.5 * gap, place + 0.5 * gap)
-        table[row] = at
-    return table
+    half = 0.5 * gap
+    columns = [dragged(motor[:, axis], half[axis], motor[0, axis] + half[axis] * flank[axis]) for axis in range(3)]
+    return np.stack(columns, axis=1)
 
 
 def distances(points: Array, path: Array) -> Array:

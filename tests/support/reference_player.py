@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .ideal_play import dragged
+
 PLANES = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
 BEGINS = ((-37.1, 51.3, 30.7), (61.3, -44.2, 30.7))
 """Where the machine happens to stand when a program begins [mm]."""
@@ -174,11 +176,7 @@ def run(moves: list[Move], step: float = STEP) -> Run:
 
 def play(motor: np.ndarray, gap: float, side: float) -> np.ndarray:
     """Table of one axis, held by friction within a backlash `gap`, which begins at the part `side`, -1 to 1, of it."""
-    table, at = np.empty_like(motor), motor[0] + side * gap / 2
-    for row, place in enumerate(motor.tolist()):
-        at = min(max(at, place - gap / 2), place + gap / 2)
-        table[row] = at
-    return table
+    return dragged(motor, gap / 2, motor[0] + side * gap / 2)
 
 
 def tables(motor: np.ndarray, gaps: tuple[float, ...], zero: tuple[int, ...]) -> list[np.ndarray]:

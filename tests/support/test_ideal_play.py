@@ -1,10 +1,25 @@
-"""Distances from a path, beside those from all of its pieces."""
+"""Distances from a path, beside those from all of its pieces, and a dragged table, beside it step by step."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from .ideal_play import distances
+from .ideal_play import distances, dragged
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_table_is_dragged_as_step_by_step(seed: int) -> None:
+    """Ways, rests and turns, from any place."""
+    rng = np.random.default_rng(seed)
+    ways = np.repeat(rng.choice([-0.03, 0.0, 0.02, 0.5], 60), rng.integers(1, 9, 60))
+    motor, half = np.cumsum(np.append(rng.normal(), ways * rng.uniform(0.5, 1.5, ways.size))), 0.1
+    begin = at = float(motor[0] + rng.uniform(-0.3, 0.3))
+    expected = []
+    for place in motor.tolist():
+        at = min(max(at, place - half), place + half)
+        expected.append(at)
+    assert dragged(motor, half, begin).tolist() == expected
 
 
 def test_distances_are_those_from_the_nearest_piece() -> None:
