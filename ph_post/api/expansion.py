@@ -72,8 +72,10 @@ def expanded_job(
                 clearance=None if options.peck_clearance is None else options.peck_clearance / MM,
                 lathe="lathe" in dialect,
             )
-        elif base in ("siemens", "heidenhain"):
-            language = base
+        elif base == "siemens":
+            language = "siemens"
+        elif base == "heidenhain":
+            language = "heidenhain"
         inches = options.controller_units == "inch"
         found = expand(
             job.data,
