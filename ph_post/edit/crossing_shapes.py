@@ -162,8 +162,9 @@ INWARD: Final = 3
 BALANCED: Final = 1
 OUTWARD: Final = 2
 BEHIND: Final = 4
+CHORD: Final = 5
 """Kinds of crossings: the table leaves the path towards the centre of curvature, by half to both sides, or outward; or
-it waits on the straight line behind a corner."""
+it waits on the straight line behind a corner, or on a chord of a contour with cutter compensation."""
 
 SOONEST: Final = 0.7
 """Part of a crossing's time that is left at least where the axis moves already at its end."""

@@ -16,6 +16,7 @@ from ph_post.edit.crossing_shapes import (
     AT_SPEED,
     BALANCED,
     BEHIND,
+    CHORD,
     INWARD,
     OUTER,
     OUTWARD,
@@ -107,7 +108,11 @@ class SpotSearch:
         """Gather the changes of all axes, and find how each is crossed."""
         ground = self._ground
         parts, columns, befores, firsts = [np.zeros((0, COLUMNS))], [], [], []
-        for name, found_rows in changes.items():
+        for name, own in changes.items():
+            found_rows = own
+            if ground.contours:
+                lost = float(np.ptp(ground.sides[name]))
+                found_rows = ground.contours.beside_contours(own, AXES.index(name), lost)
             rows = self._needed(self._wound_up(found_rows, AXES.index(name)), AXES.index(name))
             first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)[: len(rows)]
             before = np.append(0.0, rows[:-1, SIGN])[: len(rows)]
@@ -274,6 +279,9 @@ class SpotSearch:
         finest = np.where(np.array([one.steps > 1 for one in shapes])[spots.column], STEPS_ERROR, ERROR)
         error, most = self._allowed(spots, coarser, finest)
         turning, window = self._turning(spots, motion, turning, (wait, late, crossing), (error, most, finest))
+        if corrected.any():
+            own = inner & ~calm & ~corner & corrected & (ground.lag[spots.column] == 0.0)
+            self._on_chords(spots, own, wait, turning, window)
         # Where there is time a stop leaves no error at all.
         may_wait = coarser > 1.0 and not ground.plain_corners
         burns = ground.beam.is_beam & ground.beam.works.burns[motion]
@@ -343,6 +351,23 @@ class SpotSearch:
             slow = window[:, 2] * crossing < 0.25 * shortest
             turning &= ~(short | slow)
         return turning, window
+
+    def _on_chords(self, spots: Spots, may: BoolArray, wait: Array, turning: BoolArray, window: Array) -> None:
+        """Add the windows of changes on arcs of contours with cutter compensation to those near turning points."""
+        ground = self._ground
+        for n in np.flatnonzero(may).tolist():
+            minus, plus = ground.sides[AXES[int(spots.column[n])]]
+            length = ground.contours.chord(spots.rows[n], plus - minus)
+            low, high = spots.at[n] - 0.5 * length, spots.at[n] + 0.5 * length
+            if length > 0.0 and spots.bound[n, 0] <= low and high <= spots.bound[n, 1]:
+                turning[n] = True
+                window[n] = (
+                    low,
+                    high,
+                    min(float(spots.feed[n]), length / float(wait[n])),
+                    PART * (plus - minus),
+                    CHORD,
+                )
 
     def _between_corners(self, spots: Spots, wait: Array, may: BoolArray, calm: BoolArray) -> tuple[BoolArray, Spots]:
         """Let crossings take the whole of a straight rest between two corners, where that is faster than to stop.

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.edit.crossing_shapes import BALANCED, BEHIND, OUTER, OUTWARD, CrossingShape, points_along, stair
+from ph_post.edit.crossing_shapes import BALANCED, BEHIND, CHORD, OUTER, OUTWARD, CrossingShape, points_along, stair
 from ph_post.edit.edits import CrossingEdit, CrossingPart
 from ph_post.edit.lagging_crossings import CrossingArcs, bent_line, lead_time
 from ph_post.edit.reversals import motion_view
@@ -366,8 +366,10 @@ class CrossingPlanner:
         if spot.shape.beyond > 0.0:
             return self._from_beyond(spot, window, steps, least)
         begin, finish, speed, error, kind = window.tolist()
-        if kind == BEHIND:
-            return self._straight(begin, finish, spot)
+        if kind in (BEHIND, CHORD):
+            knots = self._straight(begin, finish, spot)
+            knots.speed[-1], knots.exact = speed, kind == BEHIND
+            return knots
         # The table waits longer than the motor's blocks last where the controller rounds their ends.
         lasts = max(spot.shape.first, LONE * spot.shape.wait) * speed
         if steps > 1:

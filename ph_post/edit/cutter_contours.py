@@ -4,8 +4,10 @@ The control moves the tool's centre beside the contour, by a radius that the pro
 both are parallel, and its arcs about outer corners turn by the angle between two lines: while the contour is shifted
 as a whole so is the tool's path, and each axis moves in it in the directions of the contour. An offset may therefore
 change where an axis rests along a straight line in the midst of the contour, whatever the radius: the line becomes
-one that is slanted by a part of it, within which the table waits. Elsewhere no block may be added. How the tool
-comes to the contour and leaves it depends on the radius: the directions of its first and last move hold up to one.
+one that is slanted by a part of it, within which the table waits. On an arc, beside which the tool turns at the same
+angle, it may change on a chord over the place at which the axis turns, where :mod:`ph_post.edit.cutter_offsets` finds
+the table near the tool's path for every radius that the contour may have. Elsewhere no block may be added. How the
+tool comes to the contour and leaves it depends on the radius: the directions of its first and last move hold up to one.
 
 On a lathe (G18) the path is that of the tip of a tool whose nose is round: beside the centre's, by a radius or none in
 each axis, as the control's table has it. Between two blocks that is the same, but with the first and the last one it
@@ -16,6 +18,7 @@ contour moves it further than that and its backlash.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
@@ -23,8 +26,10 @@ import msgspec
 import numpy as np
 
 from ph_post.dialects.declaration import CORRECTED
+from ph_post.edit.crossings import ERROR, FINE, PART
+from ph_post.edit.cutter_offsets import crossing_fits, safe_chord
 from ph_post.edit.edits import CrossingEdit, StopEdit
-from ph_post.edit.reversals import CARRIED, MOTION, SHARE, SIGN
+from ph_post.edit.reversals import CARRIED, CHAIN, FIRST, LAST, MOTION, SHARE, SHARE0, SHARE1, SIGN
 from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, Motions, PartProgram
 from ph_post.types import Array
@@ -63,7 +68,10 @@ LEFT: Final = "cutter compensation, left as it is"
 
 _TURNED: Final = PLANE_AXES[18][:2]
 
-_TURNS: Final = "an axis turns in it where it rests along no straight line"
+ENTRY: Final = 2.0
+"""No cutter's radius is more than so many times the length of the move onto its contour, which is to be longer."""
+
+_TURNS: Final = "an axis turns in it where it rests along no straight line, and on no arc that suits all cutters"
 
 
 def _side(word: str | None) -> int:
@@ -92,6 +100,27 @@ def _sign_at(rows: Array, motion: int) -> int:
     """Return the direction for which an axis is shifted where a motion begins, 0 for none."""
     before = rows[rows[:, MOTION] + rows[:, SHARE] <= motion]
     return int(before[-1, SIGN]) if len(before) else 0
+
+
+def _put(row: Array, place: float) -> None:
+    """Let a change happen at the end of a motion, the number of the one behind it, and nowhere else."""
+    row[[FIRST, MOTION, LAST]] = place - 1.0
+    row[[SHARE0, SHARE, SHARE1]] = 1.0
+
+
+def _ends_of(crossing: CrossingEdit) -> tuple[float, float]:
+    """Return where a crossing begins and ends, as the number of a motion and a share of it."""
+    return crossing.parts[0].motion + crossing.parts[0].low, crossing.parts[-1].motion + crossing.parts[-1].high
+
+
+def _middle(low: float, high: float) -> float:
+    """Return a place between two, on one motion of both where they share one."""
+    return 0.5 * (low + high) if math.floor(low) == math.ceil(high) - 1 else float(math.floor(low) + 1)
+
+
+def _allowed(gap: float) -> float:
+    """Error that a crossing on an arc has at most [m], for a backlash."""
+    return max(FINE * ERROR, PART * gap)
 
 
 class CutterContour(msgspec.Struct, frozen=True, kw_only=True):
@@ -139,6 +168,7 @@ class CutterContours:
             for low, high in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)
             if side[low] != 0
         )
+        self._chords: dict[tuple[float, bool, float, float], float] = {}
         self.number = np.full(motions.kind.size, -1, dtype=np.int32)
         for n, one in enumerate(self.contours):
             self.number[one.first : one.last + 1] = n
@@ -152,10 +182,9 @@ class CutterContours:
         motions, program = self._program.motions, self._program
         if first == 0 or last in (first, motions.kind.size - 1):
             return "it does not begin and end in the program"
-        around = slice(first - 1, last + 2)
-        if np.ptp(motions.chain[around]):
+        if np.ptp(motions.chain[first - 1 : last + 2]):
             return "not all of it is understood"
-        planes = {program.modal_after(int(block)).plane for block in motions.block[around]}
+        planes = {program.modal_after(int(block)).plane for block in motions.block[first : last + 2]}
         onto = (LINE, RAPID) if planes == {18} else (LINE,)
         own = motions.kind[first : last + 1]
         if motions.kind[first] not in onto or not np.isin(own, (*onto, ARC)).all():
@@ -191,6 +220,125 @@ class CutterContours:
                 best, longest = k, float(along[k + 1] - along[k])
         return best
 
+    def beside_contours(self, rows: Array, column: int, gap: float) -> Array:
+        """Return an axis' changes, without those in the corners where the tool comes onto a contour and leaves it.
+
+        Whether the axis turns there depends on the radius. It has its offset already on the move onto an arc that leads
+        to the contour, and keeps it on the move off it: neither cuts anything of the contour. On the way the table
+        waits where it is, or comes behind. A change of an axis beside a contour's plane that lies in its midst is made
+        ahead of it, or behind.
+
+        Parameters
+        ----------
+        rows : Array, shape (n, 11)
+            Changes.
+        column : int
+            Their axis.
+        gap : float
+            Its backlash [m].
+        """
+        place, found, keep = rows[:, MOTION] + rows[:, SHARE], rows.copy(), np.ones(len(rows), dtype=np.bool_)
+        begins, ends = (rows[:, at] + rows[:, share] for at, share in ((FIRST, SHARE0), (LAST, SHARE1)))
+        for n in range(1, len(rows)):
+            one = self._contour_at(float(place[n]))
+            if one is None or rows[n, CHAIN] != rows[n - 1, CHAIN] or rows[n, SIGN] == 0.0 or not keep[n]:
+                continue
+            last = n + 1 == len(rows) or rows[n + 1, CHAIN] != rows[n, CHAIN]
+            if column not in one.columns:
+                if begins[n] <= one.first < place[n]:
+                    _put(found[n], one.first)
+                elif ends[n] >= one.last + 2.0:
+                    _put(found[n], one.last + 2.0)
+            elif place[n] == begins[n] == one.last + 1.0:
+                if not last and place[n + 1] <= one.last + 2.0:
+                    keep[n : n + 2] = False, rows[n + 1, SIGN] != rows[n - 1, SIGN]
+                    continue
+                _put(found[n], one.last + 2.0)
+            elif (
+                place[n] == begins[n] == one.first + 1.0 and place[n - 1] < one.first and self._leads(one, column, gap)
+            ):
+                _put(found[n], one.first)
+        return found[keep]
+
+    def _contour_at(self, place: float) -> CutterContour | None:
+        """Return the contour of a place, the number of a motion and a share of it, that may be shifted."""
+        motion = math.ceil(place) - 1
+        one = self.contours[self.number[motion]] if motion >= 0 and self.number[motion] >= 0 else None
+        return None if one is None or one.turned or one.why else one
+
+    def _leads(self, one: CutterContour, column: int, gap: float) -> bool:
+        """Return whether an arc leads to a contour along an axis: a table that lags stays on the path.
+
+        The tool may go round it on nearly nothing, so that the axis comes behind by all of its backlash.
+        """
+        motions, k = self._program.motions, one.first + 1
+        inner = motions.kind[k] == ARC and one.side * motions.angle[k] > 0.0
+        across = abs(float(tangent_of(motions, k, last=True)[1 - column]))
+        return bool(inner and k < one.last and across * gap <= _allowed(gap))
+
+    def _largest_radius(self, one: CutterContour) -> float:
+        """Return the largest radius that a contour's cutter may have [m]: it fits into all of its arcs."""
+        motions, own = self._program.motions, np.arange(one.first + 1, one.last + 1)
+        arcs = own[(motions.kind[own] == ARC) & (one.side * motions.angle[own] > 0.0)]
+        radii = np.linalg.norm(motions.start[arcs, :2] - motions.center[arcs], axis=1)
+        entry = ENTRY * float(np.linalg.norm((motions.end - motions.start)[one.first, :2]))
+        return float(min(STEEP, entry, radii.min(initial=math.inf)))
+
+    def chord(self, row: Array, gap: float) -> float:
+        """Return how long a chord on a contour's arc is on which all cutters cross at a change [m], 0 for none.
+
+        Parameters
+        ----------
+        row : Array
+            Of a change.
+        gap : float
+            Backlash of its axis [m].
+        """
+        motions, k = self._program.motions, int(row[MOTION])
+        at = [k, k + 1] if row[SHARE] == 1.0 else [k]
+        one = self.contours[self.number[k]]
+        if not self._on_arcs(one, at):
+            return 0.0
+        radii = np.linalg.norm(motions.start[at, :2] - motions.center[at], axis=1)
+        least, inner = float(radii.min()), bool(one.side * motions.angle[at[int(radii.argmin())]] > 0.0)
+        # The radii of arcs that are the same differ by their rounding.
+        key = (round(least / MM, 2) * MM, inner, gap, round(self._largest_radius(one) / MM, 2) * MM)
+        if key not in self._chords:
+            self._chords[key] = safe_chord(*key, _allowed(gap)) if key[0] > 0.0 else 0.0
+        return self._chords[key]
+
+    def _on_arcs(self, one: CutterContour, own: Sequence[int]) -> bool:
+        """Return whether motions are arcs in the midst of a contour."""
+        inside = min(own) > one.first and max(own) <= one.last and not one.turned
+        return bool(inside and (self._program.motions.kind[list(own)] == ARC).all())
+
+    def _suits_all(
+        self, crossing: CrossingEdit, places: Sequence[float], sides: Mapping[str, tuple[float, float]]
+    ) -> bool:
+        """Return whether a crossing on a contour's arcs leaves the table near the path of every cutter.
+
+        `places` are where crossings begin and end, as the number of a motion and a share of it.
+        """
+        parts, column = crossing.parts, AXES.index(crossing.axis)
+        one = self.contours[self.number[parts[0].motion]]
+        if not self._on_arcs(one, [part.motion for part in parts]):
+            return False
+        begin, end = _ends_of(crossing)
+        low, high = bisect_left(places, begin) - 1, bisect_right(places, end)
+        # What lies between two crossings is one half each.
+        lowest = _middle(places[low], begin) if low >= 0 else -math.inf
+        highest = _middle(end, places[high]) if high < len(places) else math.inf
+        around = (
+            max(lowest, parts[0].motion - 1.0, one.first + 1.0),
+            min(highest, parts[-1].motion + 2.0, one.last + 1.0),
+        )
+        minus, plus = sides[crossing.axis]
+        before = parts[-1].added[:2].copy()
+        before[column] = minus if crossing.sign > 0 else plus
+        largest = self._largest_radius(one)
+        error = crossing_fits(self._program.motions, crossing, around, before, one.side, column, largest)
+        return bool(error <= _allowed(plus - minus))
+
     def _within(self, motion: int, share: float) -> bool:
         """Return whether a place is where no block may be added: from where the tool comes on to where it has left."""
         at = self.number[motion]
@@ -219,14 +367,15 @@ class CutterContours:
         sides: Mapping[str, tuple[float, float]],
     ) -> tuple[dict[int, str], dict[int, float]]:
         """Judge a plan: why contours cannot have it, and up to which radius [m] the others can, by number."""
-        why = self.left()
+        why, said = self.left(), changes
+        changes = {
+            name: self.beside_contours(rows, AXES.index(name), float(np.ptp(sides[name])))
+            for name, rows in said.items()
+        }
         for stop in stops:
             if self._within(stop.motion, stop.share):
                 why.setdefault(self._near(stop.motion), _TURNS)
-        for crossing in crossings:
-            for part in crossing.parts:
-                if self._within(part.motion, part.low) and not self._still(part.motion, crossing):
-                    why.setdefault(self._near(part.motion), _TURNS)
+        on_arcs = self._judged(crossings, sides, why)
         for name, rows in changes.items():
             carried = rows[rows[:, CARRIED] == 1.0]
             for motion, sign in carried[:, [MOTION, SIGN]].astype(np.int64).tolist():
@@ -236,14 +385,33 @@ class CutterContours:
         for n, one in enumerate(self.contours):
             if n in why:
                 continue
-            ways = self._turned_ways(one, changes, sides) if one.turned else self._ways(one, changes)
+            ways = self._turned_ways(one, changes, sides) if one.turned else self._ways(one, changes, said)
             bounds = [*ways, *self._rooms(one, crossings, sides)]
+            bounds += [(on_arcs[n], on_arcs[n])] if n in on_arcs else []
             radius = min((bound for bound, _ in bounds), default=math.inf)
             if any(bound < LEAST_PART * natural for bound, natural in bounds):
                 why[n] = f"its directions would hold for cutters of a radius up to {max(radius, 0.0) / MM:.3g} mm alone"
             else:
                 radii[n] = radius
         return why, radii
+
+    def _judged(
+        self, crossings: Collection[CrossingEdit], sides: Mapping[str, tuple[float, float]], why: dict[int, str]
+    ) -> dict[int, float]:
+        """Return the radii [m] of contours that are crossed on arcs; add to `why` which others cannot be, by number."""
+        places = sorted(place for crossing in crossings for place in _ends_of(crossing))
+        found: dict[int, float] = {}
+        for crossing in crossings:
+            within = [part.motion for part in crossing.parts if self._within(part.motion, part.low)]
+            if all(self._still(motion, crossing) for motion in within):
+                continue
+            own = int(self.number[within[0]])
+            if own >= 0 and self._suits_all(crossing, places, sides):
+                found[own] = self._largest_radius(self.contours[own])
+                continue
+            for motion in within:
+                why.setdefault(self._near(motion), _TURNS)
+        return found
 
     def _carries(self, motion: int, column: int, sign: int) -> bool:
         """Return whether a rapid changes an offset where a contour is cut behind it.
@@ -271,8 +439,13 @@ class CutterContours:
             and len(crossing.parts) == 1
         )
 
-    def _ways(self, one: CutterContour, changes: Mapping[str, Array]) -> list[tuple[float, float]]:
-        """Radii [m] up to which axes move on the way onto a contour and off it as said, and the lengths of the ways."""
+    def _ways(
+        self, one: CutterContour, changes: Mapping[str, Array], said: Mapping[str, Array]
+    ) -> list[tuple[float, float]]:
+        """Radii [m] up to which axes move on the way onto a contour and off it as said, and the lengths of the ways.
+
+        On both an axis may turn that has another offset, as `changes` have it and what was `said` does not.
+        """
         motions = self._program.motions
         tangents = [tangent_of(motions, k) for k in (one.first, one.first + 1)] + [
             tangent_of(motions, one.last, last=True)
@@ -283,6 +456,8 @@ class CutterContours:
         for column, name in enumerate(AXES[:2]):
             for motion, normals in ((one.first, onto), (one.last + 1, [-left[2]])):
                 sign = _sign_at(changes[name], motion) if name in changes else 0
+                if name in said and sign != _sign_at(said[name], motion):
+                    continue
                 way = motions.end[motion, :2] - motions.start[motion, :2]
                 across = min(float(normal[column]) * sign for normal in normals)
                 if across < -_NOTHING:
@@ -332,7 +507,7 @@ class CutterContours:
         motions, found = self._program.motions, []
         for crossing in crossings:
             k = crossing.parts[0].motion
-            if not one.first < k <= one.last:
+            if not one.first < k <= one.last or motions.kind[k] == ARC:
                 continue
             own = list(one.columns)
             length = float(np.linalg.norm(motions.end[k, own] - motions.start[k, own]))

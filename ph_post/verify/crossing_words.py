@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ph_post.gcode.numbers import COMMENT
-from ph_post.gcode.program import CUBIC, LINE, Motions, PartProgram, WordTable, span_of
+from ph_post.gcode.program import ARC, CUBIC, LINE, Motions, PartProgram, WordTable, span_of
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
 from ph_post.verify.crossings import CrossedStretches
@@ -26,11 +26,11 @@ _ROUNDED = re.compile(r"G64 P(\d*\.?\d+)( Q0)?")
 _HALF = 0.5
 """Steps of the last decimal by which a rounding may be above its tolerance."""
 
-_SLANTED = 3
-"""Parts of a line on which an offset changes with cutter compensation."""
+_PARTS = 3
+"""Parts of a line or an arc on which an offset changes with cutter compensation."""
 
 _RADIUS = 10.0 * MM
-"""Radius of a cutter for which their joints leave all of them, on either side of the contour."""
+"""Radius of a cutter for which their joints leave something of all of them."""
 
 _DROP = 1e-4
 """Extrusion [mm of filament] that is rounding, and the part of itself that is."""
@@ -102,9 +102,10 @@ def _corrects(word: str | None) -> bool:
 
 
 def _check_modes(case: VerifyCase, change: int) -> None:
-    """Check that with cutter compensation a change is of lines in straight parts, none of them steep.
+    """Check that with cutter compensation a change is of lines or arcs in three parts, with room for the cutter.
 
-    An offset of the tool to either side leaves all of their parts then.
+    An offset of the tool to either side leaves all parts of lines then. Of arcs it does so up to the radius that fits
+    into those of the contour, on the side on which the tool is.
     """
     (program, first, last), (other, new_first, new_last) = _spans(case, change)
     active = [program.modal_after(block).compensation for block in range(first - 1, last)]
@@ -113,12 +114,15 @@ def _check_modes(case: VerifyCase, change: int) -> None:
     old, new = program.motions, other.motions
     rows = np.flatnonzero((old.block >= first) & (old.block < last))
     made = np.flatnonzero((new.block >= new_first) & (new.block < new_last))
-    lines = {*old.kind[rows].tolist(), *new.kind[made].tolist()} == {LINE}
-    fine = lines and case.lines.changes.crossed[change] and made.size <= _SLANTED * rows.size and len(set(active)) == 1
-    if not (fine and (_rooms(new, made, old.end[rows], _far(case)) >= 0.0).all()):
+    kinds = {*old.kind[rows].tolist(), *new.kind[made].tolist()}
+    fine = kinds in ({LINE}, {LINE, ARC}) and case.lines.changes.crossed[change]
+    fine = fine and made.size <= _PARTS * rows.size and len(set(active)) == 1
+    side = 1 if str(active[0]).startswith("G41") else -1
+    radius = _RADIUS if kinds == {LINE} else _smallest_inner(program, rows, side)
+    if not (fine and (_rooms(new, made, old.end[rows], _far(case), side if ARC in kinds else 0, radius) >= 0.0).all()):
         case.findings.add(
             "crossing",
-            "a change on a contour with cutter compensation that is more than lines in three straight parts each",
+            "a change on a contour with cutter compensation that is more than three parts with room for the cutter",
             original=max(first, 0),
             compensated=new_first,
             expected="G40",
@@ -126,19 +130,46 @@ def _check_modes(case: VerifyCase, change: int) -> None:
         )
 
 
+def _smallest_inner(program: PartProgram, rows: IntArray, side: int) -> float:
+    """Return the least radius [m] of a contour's arcs about whose inside the tool is, up to that of a large one."""
+    motions, begin, end = program.motions, int(rows[0]), int(rows[-1])
+
+    def corrected(k: int) -> bool:
+        return 0 <= k < motions.kind.size and _corrects(program.modal_after(int(motions.block[k])).compensation)
+
+    while corrected(begin - 1):
+        begin -= 1
+    while corrected(end + 1):
+        end += 1
+    own = np.arange(begin, end + 1)
+    arcs = own[(motions.kind[own] == ARC) & (side * motions.angle[own] > 0.0)]
+    radii = np.linalg.norm(motions.start[arcs, :2] - motions.center[arcs], axis=1)
+    return float(radii.min(initial=_RADIUS))
+
+
 def _far(case: VerifyCase) -> float:
     """Return how far a shifted place may be from its own [m]."""
     return 2.0 * sum(one.metres for one in case.declared.offsets.values())
 
 
-def _rooms(motions: Motions, made: IntArray, corners: Array, far: float) -> Array:
-    """Return what is left [m] of the lines beside every joint but those in the corners of the contour."""
-    ways = (motions.end[made] - motions.start[made])[:, :2]
-    sizes, angles = np.hypot(*ways.T), np.arctan2(ways[:, 1], ways[:, 0])
-    turns = np.abs(np.remainder(np.diff(angles) + np.pi, 2.0 * np.pi) - np.pi)
+def _rooms(motions: Motions, made: IntArray, corners: Array, far: float, side: int, radius: float) -> Array:
+    """Return what a cutter leaves [m] of the parts beside every joint but those in the corners of the contour.
+
+    A joint shortens them that turns to the `side` on which it is, 1 for the left; for 0 to either.
+    """
+    ends = [motions.start[made, :2], motions.end[made, :2]]
+    ways = np.stack([ends[1] - ends[0]] * 2)
+    arcs = motions.kind[made] == ARC
+    for way, place in zip(ways, ends, strict=True):
+        away = (place - motions.center[made])[arcs]
+        way[arcs] = np.sign(motions.angle[made][arcs])[:, None] * np.column_stack([-away[:, 1], away[:, 0]])
+    sizes = np.where(arcs, np.abs(motions.angle[made]) * np.hypot(*ways[0].T), np.hypot(*ways[0].T))
+    into, out = (np.arctan2(way[:, 1], way[:, 0]) for way in (ways[1], ways[0]))
+    turns = np.remainder(out[1:] - into[:-1] + np.pi, 2.0 * np.pi) - np.pi
+    turns = np.maximum(side * turns, 0.0) if side else np.abs(turns)
     joints = motions.end[made[:-1], :2]
     apart = np.linalg.norm(joints[:, None, :] - corners[None, :, :2], axis=2).min(axis=1) > far
-    return np.asarray((np.minimum(sizes[:-1], sizes[1:]) - _RADIUS * np.tan(0.5 * turns))[apart])
+    return np.asarray((np.minimum(sizes[:-1], sizes[1:]) - radius * np.tan(0.5 * turns))[apart])
 
 
 def _check_breaks(case: VerifyCase, change: int) -> None:

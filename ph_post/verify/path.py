@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.compiling import compiled, inner
-from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, Motions, plane_columns
+from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, Motions, PartProgram, plane_columns
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
@@ -231,6 +231,7 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
 
     The dead band is the tolerance, or the offset itself where that is more: moves smaller than the lost motion
     may be ignored. Of moves that are tied to the spindle the longest of each run counts: all have its offsets.
+    may be ignored. Where a cutter comes onto an arc and where it leaves a contour its radius decides how axes move.
     """
     motions = case.compensated.motions
     curves = np.isin(motions.kind, (CUBIC, NURBS))
@@ -239,6 +240,7 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
     first[1:][curves] = np.diff(lines.first)
     np.cumsum(first, out=first)
     still = np.where(pairing.left_out, _SKIP, motions.chain)
+    still[_beside_contours(case.compensated)] = _ANEW
     crossing = crossing_axes(case, pairing)[pairing.new_change]
     beside = beside_longest(case.compensated)
     for name, amount in case.declared.offsets.items():
@@ -263,6 +265,14 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
                 expected=f"<= {band / MM:.6g} mm",
                 got=f"{back[motion] / MM:.6g} mm",
             )
+
+
+def _beside_contours(program: PartProgram) -> BoolArray:
+    """Mask of the motions (m,) with which a cutter comes onto an arc under compensation, or leaves a contour."""
+    corrected = np.array([one.compensation not in (None, "G40") for one in program.modal], dtype=np.bool_)
+    own = corrected[program.state[program.motions.block]]
+    before, arc = np.append(False, own)[: own.size], np.append(program.motions.kind[1:] == ARC, False)[: own.size]
+    return np.asarray((own & ~before & arc) | (before & ~own))
 
 
 def _original_line(case: VerifyCase, pairing: Pairing, motion: int) -> int | None:

@@ -99,7 +99,7 @@ def test_a_contour_of_fanuc_is_shifted_and_keeps_its_words():
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (("X40.", "G02 X40. Y30. R20.\nG01"), "an axis turns in it where it rests along no straight line"),
+        (("X40.", "X20. Y50.\nX40. Y30."), "an axis turns in it where it rests along no straight line, and on no arc"),
         (("Y0.", "Y0.\nM08"), "it holds other words than of its moves"),
         (("G41 D01 X0. Y-10.", "G41 D01 X-19. Y-10."), "its directions would hold for cutters of a radius up to 1 mm"),
         (("G40 X-20.", "G40 G00 Z5.\nX-20."), "where it begins and ends is not known"),
