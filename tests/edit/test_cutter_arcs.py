@@ -17,8 +17,11 @@ from support.reference_player import BEGINS
 
 from ph_post.api.compensation import compensated, undo
 from ph_post.api.options import CompensateOptions
+from ph_post.dialects.reading import read_as
 from ph_post.files.storage import SourceBytes
 from ph_post.progress import no_progress
+from ph_post.units import MM
+from ph_post.verify.verify import verify
 
 NOTE = re.compile(rb"cutter compensation holds for radii up to ([\d.]+) mm", re.IGNORECASE)
 
@@ -106,3 +109,41 @@ def test_a_contour_between_arcs_is_followed_though_axes_turn_in_the_corners_befo
         assert on.sum() > 1000
         away.append(max(np.abs(table_of(motor, side, "XY")[on, 1] - radius).max() for side in (-1.0, 1.0)))
     assert away[1] < 0.1 * away[0]
+
+
+HALF = """%
+O1011
+G21 G17 G90 G40 G54
+G00 X-20. Y-20. Z5.
+G01 Z-2. F150.
+G41 D01 X0. Y-10. F300.
+Y30.
+G02 X40. Y30. R20.
+G01 Y0.
+X-10.
+G40 X-20. Y-20.
+G00 Z5.
+M30
+%
+"""
+
+
+def test_a_chord_with_no_room_for_the_cutter_is_a_failure():
+    """The chord of an arc of 20 mm that is written, and the same crossing on a tenth of it."""
+    source = SourceBytes(name="a.nc", stem="a", data=HALF.encode())
+    made = compensated(source, stepper("fanuc"), CompensateOptions(), "program", no_progress).program().decode()
+    chord = re.search(r"G02 X(19.[0-9]+) Y50.02.*\nG1 X(20.[0-9]+) Y49.97.*\nG2 X40.025 Y29.975 I(\S+)", made)
+    assert float(chord[2]) - float(chord[1]) > 0.5
+    steep = chord[0].replace(f"X{chord[1]}", "X19.975").replace(f"X{chord[2]}", "X20.025").replace(chord[3], "0.")
+    damaged = made.replace(chord[0], steep)
+    verdicts = [
+        verify(
+            read_as("fanuc", HALF.encode(), "a.nc"),
+            read_as("fanuc", text.encode(), "a.nc"),
+            tolerance=0.005 * MM,
+            machine=stepper("fanuc"),
+        )
+        for text in (made, damaged)
+    ]
+    assert verdicts[0].ok
+    assert any("room for the cutter" in failure.what for failure in verdicts[1].failures)
