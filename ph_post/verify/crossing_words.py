@@ -115,11 +115,16 @@ def _check_modes(case: VerifyCase, change: int) -> None:
     rows = np.flatnonzero((old.block >= first) & (old.block < last))
     made = np.flatnonzero((new.block >= new_first) & (new.block < new_last))
     kinds = {*old.kind[rows].tolist(), *new.kind[made].tolist()}
-    fine = kinds in ({LINE}, {LINE, ARC}) and case.lines.changes.crossed[change]
-    fine = fine and made.size <= _PARTS * rows.size and len(set(active)) == 1
-    side = 1 if str(active[0]).startswith("G41") else -1
-    radius = _RADIUS if kinds == {LINE} else _smallest_inner(program, rows, side)
-    if not (fine and (_rooms(new, made, old.end[rows], _far(case), side if ARC in kinds else 0, radius) >= 0.0).all()):
+    fine = rows.size > 0 and kinds in ({LINE}, {LINE, ARC}) and case.lines.changes.crossed[change]
+    if fine and made.size <= _PARTS * rows.size and len(set(active)) == 1:
+        side = 1 if str(active[0]).startswith("G41") else -1
+        round_arcs = (side, _smallest_inner(program, rows, side))
+        fine = (
+            _rooms(new, made, old.end[rows], _far(case), *(round_arcs if ARC in kinds else (0, _RADIUS))) >= 0.0
+        ).all()
+    else:
+        fine = False
+    if not fine:
         case.findings.add(
             "crossing",
             "a change on a contour with cutter compensation that is more than three parts with room for the cutter",
