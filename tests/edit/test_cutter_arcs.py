@@ -47,7 +47,7 @@ def errors(text, made, radius):
 
 
 @needs_rs274
-@pytest.mark.parametrize("seed", [0, 1, 2, 9, 11])
+@pytest.mark.parametrize("seed", [9, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 2, 11))])
 def test_the_table_follows_cutters_of_every_radius_round_arcs(seed):
     """Up to the radius that the head names, which is that of the contour's smallest inner arc."""
     text, least = round_outline(random.Random(seed))
@@ -63,7 +63,7 @@ def test_the_table_follows_cutters_of_every_radius_round_arcs(seed):
 
 
 @needs_rs274
-@pytest.mark.parametrize("seed", [7, 10])
+@pytest.mark.parametrize("seed", [7, pytest.param(10, marks=pytest.mark.slow)])
 def test_where_the_smallest_inner_arc_is_one_of_the_turns_all_is_left(seed):
     """A cutter that just fits would go round nothing there."""
     text, _ = round_outline(random.Random(seed))
@@ -94,7 +94,7 @@ M2
 
 
 @needs_rs274
-@pytest.mark.parametrize("radius", [0.0, 2.0, 3.5])
+@pytest.mark.parametrize("radius", [3.5, *(pytest.param(radius, marks=pytest.mark.slow) for radius in (0.0, 2.0))])
 def test_a_contour_between_arcs_is_followed_though_axes_turn_in_the_corners_before_and_behind_them(radius):
     result = changed(LED)
     assert any(one.startswith("cutter compensation holds for") for one in result.warnings)
