@@ -172,7 +172,7 @@ class _OffsetPlanner:
             if again.keys() > refused.keys():
                 refused = {**again, **refused}
                 continue
-            broken = self._threads.refused(planned.stops, planned.crossings, planned.offset)
+            broken = self._threads.refused(planned.stops, planned.crossings, planned.offset, self._sides)
             if broken.keys() > untied.keys():
                 untied = {**broken, **untied}
                 continue

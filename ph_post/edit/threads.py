@@ -20,7 +20,7 @@ from ph_post.edit.reversals import CARRIED, CHAIN, FIRST, LAST, MOTION, SHARE, S
 from ph_post.gcode.motion_parts import chord_lengths
 from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import AXES, RAPID, PartProgram, runs
-from ph_post.types import Array, BoolArray
+from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
 
 THREAD_LEFT: Final = "thread, left as it is"
@@ -47,7 +47,9 @@ class Threads:
         self._program = program
         self.mask = program.threads
         motions = program.motions
-        self._length = chord_lengths(motions) if self.mask.any() else np.zeros(0)
+        self._length, self._ways = np.zeros(0), np.zeros((0, 3))
+        if self.mask.any():
+            self._length, self._ways = chord_lengths(motions), np.nan_to_num(motions.end - motions.start)
         self.spans: list[tuple[int, int]] = []
         for first, end in zip(*(ends.tolist() for ends in runs(self.mask)), strict=True):
             joints = first + 1 + np.flatnonzero(np.diff(motions.chain[first:end]) != 0)
@@ -115,7 +117,11 @@ class Threads:
         row[CARRIED] = float(carried)
 
     def refused(
-        self, stops: Collection[StopEdit], crossings: Collection[CrossingEdit], offset: Array
+        self,
+        stops: Collection[StopEdit],
+        crossings: Collection[CrossingEdit],
+        offset: Array,
+        sides: Mapping[str, tuple[float, float]],
     ) -> dict[int, str]:
         """Judge a plan: why threads cannot have it, by number.
 
@@ -125,6 +131,8 @@ class Threads:
         crossings : collection of CrossingEdit
         offset : Array, shape (m, 3)
             Offsets at the ends of motions [m].
+        sides : mapping
+            Offsets of an axis that moves to minus, and to plus, by axis [m].
 
         Returns
         -------
@@ -143,6 +151,8 @@ class Threads:
                 why[n] = "an axis would be shifted in it"
             elif np.ptp(np.vstack([start, offset[first : end - 1]]), axis=0).max() > _SAME:
                 why[n] = "its moves would be shifted by different offsets"
+            elif name := self._too_late(n, start, sides):
+                why[n] = f"{name} turns in it, and would be off by more behind that than it is now"
             begun.setdefault(self._way(first, end), []).append(float(start[_Z]))
         if any(np.ptp(shifts) > _SAME for shifts in begun.values()):
             said = "its passes would not meet: Z would be shifted by different offsets"
@@ -151,6 +161,33 @@ class Threads:
             said = "one of its passes is left, which the others have to meet"
             why = {n: why.get(n, said) for n in range(len(self.spans))}
         return why
+
+    def _turned(self, n: int, axis: int) -> IntArray:
+        """Return the moves of a run on which an axis is on the other side than along the longest."""
+        first, end = self.spans[n]
+        longest, signs = self._longest(first, end), np.sign(self._ways[first:end, axis])
+        main = signs[longest - first]
+        begin = first if main else longest + 1
+        return begin + np.flatnonzero((signs[begin - first :] != 0.0) & (signs[begin - first :] != main))
+
+    def _too_late(self, n: int, start: Array, sides: Mapping[str, tuple[float, float]]) -> str:
+        """Return the axis that would leave the path by more where it has turned than it does so far; empty for none.
+
+        It is late by all of its backlash there, of which the part across the path counts. `start` (3,) are the offsets.
+        """
+        first, end = self.spans[n]
+        longest = self._longest(first, end)
+        for name, (minus, plus) in sides.items():
+            axis = AXES.index(name)
+            own, late = float(start[axis]), self._turned(n, axis)
+            if own == 0.0 or not late.size:
+                continue
+            across = np.sqrt(np.maximum(1.0 - (self._ways[:, axis] / np.maximum(self._length, _SAME)) ** 2, 0.0))
+            other = minus if abs(own - plus) < abs(own - minus) else plus
+            before = max(abs(own) * float(across[longest]), abs(other) * float(across[late].max()))
+            if (plus - minus) * float(across[late].max()) > before + _SAME:
+                return name
+        return ""
 
     def _start(self, first: int, offset: Array, ahead: Collection[int]) -> Array:
         """Return the offsets with which a run begins, shape (3,)."""
@@ -190,17 +227,9 @@ class Threads:
 
     def _late(self, shifted: list[int], offset: Array, lines: list[str]) -> list[str]:
         """Say of which axes not all of a thread is right."""
-        ways = np.nan_to_num(self._program.motions.end - self._program.motions.start)
         found = []
         for axis, name in enumerate(AXES):
-            own = []
-            for n in shifted:
-                first, end = self.spans[n]
-                longest, signs = self._longest(first, end), np.sign(ways[first:end, axis])
-                main = signs[longest - first]
-                signs = signs if main else signs[longest - first + 1 :]
-                if offset[first:end, axis].any() and ((signs != 0.0) & (signs != main)).any():
-                    own.append(n)
+            own = [n for n in shifted if offset[slice(*self.spans[n]), axis].any() and self._turned(n, axis).size]
             if own:
                 found.append(
                     f"{name} turns in the thread in {_counted(lines, own)}: it is right along the longest move, and on"

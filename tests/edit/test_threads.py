@@ -178,7 +178,7 @@ def test_a_slanted_way_out_is_left_and_named():
     made = changed(SLANTED)
     assert "G33" in made.program().decode()
     assert [one.tolist() for one in runs(made.program().decode())] == [one.tolist() for one in runs(SLANTED)]
-    assert any("thread, left as it is" in word for word in made.warnings)
+    assert any("thread, left as it is: X turns in it" in word for word in made.warnings)
 
 
 @pytest.mark.parametrize(
