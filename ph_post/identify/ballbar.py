@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import combinations
 from typing import Final
 
 import msgspec
@@ -34,6 +35,11 @@ _NEAR: Final = 5.0 * DEGREE
 
 _ROUNDS: Final = 3
 _WRONG_SIGN: Final = 4.0
+_ALIKE: Final = 10.0 * MICROMETRE
+"""What lost motions of two arcs may differ by beside their errors [m]."""
+
+_ALIKE_SHARE: Final = 0.3
+"""The same in parts of the larger one."""
 
 
 _NAMES: Final = ("ccw", "cw", "a", "b", "mismatch", "square", "servo", "first", "second")
@@ -70,7 +76,8 @@ def read_arcs(traces: Sequence[BallBarTrace]) -> BallBarResult:
     Raises
     ------
     InputError
-        Where a lost motion comes out below 0: angle or direction are the other way.
+        Where a lost motion comes out below 0: angle or direction are the other way; or where arcs contradict each
+        other.
     """
     angle = np.concatenate([one.angle for one in traces])
     turn = np.concatenate([np.full(one.angle.size, one.turn) for one in traces])
@@ -83,6 +90,7 @@ def read_arcs(traces: Sequence[BallBarTrace]) -> BallBarResult:
         widest = max(0.0, *(fit.values[-2:]))
         crossing = math.acos(max(0.0, 1.0 - widest / typical))
         used = _away(angle, min(max(_NEAR, 1.2 * crossing), 30.0 * DEGREE))
+    _check_alike(traces, used, rows, right)
     lost = (fit.get({"first": 1.0}), fit.get({"second": 1.0}))
     for axis, one in zip(traces[0].plane, lost, strict=True):
         if one is not None and one.value < -max(_WRONG_SIGN * one.error, 5.0 * MICROMETRE):
@@ -109,6 +117,31 @@ def read_arcs(traces: Sequence[BallBarTrace]) -> BallBarResult:
         radius=typical if base is None else typical + base.value,
         scatter=fit.scatter,
     )
+
+
+def _check_alike(traces: Sequence[BallBarTrace], used: BoolArray, rows: Array, right: Array) -> None:
+    """Refuse arcs whose lost motions, each by itself, are not those of one machine.
+
+    Both together would make squareness, or a lag, of what they differ by.
+    """
+    seen: list[tuple[BallBarTrace, LinearFit]] = []
+    for trace, end in zip(traces, np.cumsum([one.angle.size for one in traces]).tolist(), strict=True):
+        own = np.zeros(used.size, dtype=bool)
+        own[end - trace.angle.size : end] = True
+        own &= used
+        if np.count_nonzero(own) > len(_NAMES):
+            seen.append((trace, _fit(rows[own], right[own])))
+    for (first, one), (second, other) in combinations(seen, 2):
+        for axis, name in zip(first.plane, ("first", "second"), strict=True):
+            a, b = one.get({name: 1.0}), other.get({name: 1.0})
+            if a is None or b is None:
+                continue
+            beside = max(_ALIKE, _ALIKE_SHARE * max(a.value, b.value))
+            if a.differs(b, _WRONG_SIGN, beside):
+                what = f"the lost motion of {axis} contradicts that by {first.name}"
+                expected = "arcs of one machine in one state: take both again, or leave one out"
+                got = f"{b.value / MM:.3g} mm and {a.value / MM:.3g} mm"
+                raise InputError(second.name, what, expected=expected, got=got)
 
 
 def _rows(angle: Array, turn: Array, radius: float) -> Array:

@@ -29,6 +29,9 @@ NEAR: Final = 10.0 * MICROMETRE
 WELL_KNOWN: Final = NEAR / 1.645
 """Standard error of such a lost motion."""
 
+COARSEST: Final = 20.0 * MICROMETRE
+"""Standard error of the coarsest readings of a dial that are reckoned with [m]."""
+
 _BY_CHANCE: Final = 1e-3
 """Chance that readings of one axis which agree are refused, of errors that are normally distributed."""
 
@@ -165,14 +168,16 @@ def _check_row(row: DialRow, swing: float) -> float:
 
 
 def _check_repeats(rows: Sequence[DialRow]) -> None:
-    """Refuse a reading that is farther from the same one taken again than all others' scatter lets it be."""
+    """Refuse a reading that is farther from the same one taken again than all others' scatter lets it be.
+
+    Where others are few they let it be anywhere, and readings as coarse as any are the limit.
+    """
     sides = [
         (row, name, side) for row in rows for name, side in zip(STEPS[::2], _sides(row), strict=True) if side.size > 1
     ]
     freedom = sum(side.size - 1 for _, _, side in sides) - 1
-    if freedom < 1:
-        return
-    most = _times(freedom, sum(side.size for _, _, side in sides))
+    tests = max(sum(side.size for _, _, side in sides), 1)
+    most, widest = _times(freedom, tests) if freedom else math.inf, float(stats.norm.isf(0.5 * _BY_CHANCE / tests))
     squares = sum(float(np.sum((side - np.mean(side)) ** 2)) for _, _, side in sides)
     grain = _grain(rows)
     worst, found = 1.0, None
@@ -180,8 +185,9 @@ def _check_repeats(rows: Sequence[DialRow]) -> None:
         for k, reading in enumerate(side):
             others = np.delete(side, k)
             off, share = abs(reading - np.mean(others)), (side.size - 1) / side.size
-            scatter = math.sqrt(max(squares - share * off**2, 0.0) / freedom)
-            limit = max(most * max(scatter, grain / math.sqrt(12.0)) / math.sqrt(share), NEAR + grain)
+            scatter = math.sqrt(max(squares - share * off**2, 0.0) / max(freedom, 1))
+            by_others = most * max(scatter, grain / math.sqrt(12.0), 1e-9)
+            limit = max(min(by_others, widest * COARSEST) / math.sqrt(share), NEAR + grain)
             if off / limit > worst:
                 worst, found = off / limit, (row, name, reading, others, limit)
     if found is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Final
 
 from ph_post.api.hand_measurements import HandMeasurement
 from ph_post.identify.ballbar import BallBarResult
@@ -13,6 +13,9 @@ from ph_post.identify.measurement import AxisMeasurement, slope_words, sure_word
 from ph_post.quantities import measured_words
 from ph_post.report.tables import format_table
 from ph_post.units import DEGREE, MICROMETRE, MM, MS
+
+MANY: Final = 50
+"""Readings of a place which nobody takes."""
 
 
 def measurement_lines(found: HandMeasurement) -> Iterator[str]:
@@ -68,6 +71,8 @@ def _dial_lines(dial: DialResult) -> Iterator[str]:
     goal = f"   for a lost motion within {NEAR / MICROMETRE:g} µm in 90 of 100 cases"
     if dial.repeats is None:
         yield f"{goal} take an indicator with finer lines"
+    elif dial.repeats > MANY:
+        yield f"{goal} readings have to agree better: look how the indicator is held, and take those again that differ"
     elif dial.repeats:
         yield f"{goal} read each place {dial.repeats} times: calibrate --without-log --repeats {dial.repeats}"
 

@@ -13,6 +13,7 @@ from support.hand_machine import HandMachine, ball_bar
 from support.hand_trials import MM, Shop
 
 import ph_post as ph
+from ph_post.cli.main import main
 
 Errors = dict[str, list[tuple[float, float]]]
 """By quantity: how far a value is off the truth, and the error that was stated."""
@@ -125,6 +126,11 @@ def test_a_reading_that_is_a_tenth_off_is_refused_by_its_row(tmp_path):
         file.write_text("readings = [".join(rows))
         with pytest.raises(ph.InputError, match=rf"dial\[{wrong - 1}\].*(contradict|another way)"):
             ph.measure(file, "stepper")
+
+
+def test_two_readings_that_no_dial_scatters_by_are_refused_without_others_beside_them(capsys):
+    assert main(["machine", "measure", "-m", "stepper", "--dial", "X 0 0.501 0.031 0.001 0.161"]) == 2
+    assert "from plus, 0.031 mm contradicts 0.161 mm, read there again" in capsys.readouterr().err
 
 
 def test_a_cut_shows_squareness_and_scale_beside_the_lost_motion(tmp_path):
@@ -240,6 +246,17 @@ def test_one_arc_alone_does_not_separate_squareness_from_the_servo(tmp_path):
     assert bar.servo is None
     assert bar.lost_motion[0] is not None
     assert bar.lost_motion[0].value / MM == pytest.approx(machine.play["X"], abs=0.002)
+
+
+def test_arcs_of_two_machines_are_refused_by_their_lost_motions(tmp_path):
+    """Together they would show a squareness of 0.7 mm/m, which neither machine has."""
+    files = []
+    for turn, play in ((1, 0.03), (-1, 0.2)):
+        files.append(tmp_path / f"{turn}.csv")
+        machine = HandMachine(play={"X": play, "Y": 0.03})
+        write_arcs(files[-1], [ball_bar(machine, 100.0, turn, 360, (0.0, 0.0), (0.0, 0.0))], 0.002, 1)
+    with pytest.raises(ph.InputError, match=r"the lost motion of X contradicts that by .*1\.csv"):
+        ph.measure(None, "stepper", ball_bar=files)
 
 
 def test_a_cut_and_a_ball_bar_that_disagree_are_refused(tmp_path):
