@@ -7,7 +7,6 @@ unknown size: nats = -n/2 log(mean square), summed over channels.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Final
 
 import msgspec
@@ -49,6 +48,10 @@ FIRST: Final = 1e-4
 
 DAMPING: Final = 1e-3
 """Damping of the first step of a fit, in squares of what each unknown does."""
+
+
+KEPT: Final = 3
+"""Places whose residuals a fit keeps: where it stands, and those that it tried last."""
 
 
 LEAST: Final = {"dead_time": 2e-5}
@@ -185,21 +188,50 @@ def weighted_rows(
     return np.concatenate([weighted_residuals(problem, left, weights, use), unknowns[: len(model.free)]])
 
 
-class _CachedRows:
-    """Rows as a function of the unknowns, which keeps the last ones: slopes begin where a step ended."""
+class _Rows:
+    """Weighted rows of a model as a function of its unknowns; the residuals of the last few places are kept.
 
-    def __init__(self, rows: partial[Array]) -> None:
-        self._rows = rows
-        self._at = np.zeros(0)
-        self._last = np.zeros(0)
+    A fit begins where its weights were made, its slopes where a step ended, and its next round where it ended itself.
+    """
+
+    def __init__(
+        self, problem: AxisProblem, model: Model, use: BoolArray, weights: Mapping[Channel, float] | None = None
+    ) -> None:
+        self._problem, self._model, self._use = problem, model, use
+        self._known: dict[bytes, dict[Channel, Array]] = {}
+        self.weights: Mapping[Channel, float] = {} if weights is None else weights
+
+    def left(self, unknowns: Array) -> dict[Channel, Array]:
+        """Return the residuals (n,) by channel."""
+        key = unknowns.tobytes()
+        if key not in self._known:
+            if len(self._known) == KEPT:
+                del self._known[next(iter(self._known))]
+            self._known[key] = residuals_of(self._problem, unpack(self._model, unknowns))
+        return self._known[key]
 
     def __call__(self, unknowns: Array) -> Array:
-        if not np.array_equal(unknowns, self._at):
-            self._at, self._last = unknowns.copy(), self._rows(unknowns)
-        return self._last
+        return self._weighted(self.left(unknowns), unknowns)
+
+    def beside(self, unknowns: Array) -> Array:
+        """Return the rows of a place that nothing goes on from."""
+        return weighted_rows(self._problem, self._model, self.weights, self._use, unknowns)
+
+    def _weighted(self, left: Mapping[Channel, Array], unknowns: Array) -> Array:
+        rows = weighted_residuals(self._problem, left, self.weights, self._use)
+        return np.concatenate([rows, unknowns[: len(self._model.free)]])
+
+    def weigh(self, weights: Mapping[Channel, float]) -> Array:
+        """Take other weights, and return by what that multiplies each row."""
+        ratios = [
+            np.full(np.count_nonzero(self._use & one.ok), weights[one.channel] / self.weights[one.channel])
+            for one in self._problem.observed
+        ]
+        self.weights = weights
+        return np.concatenate([*ratios, np.ones(len(self._model.free))])
 
 
-def _slopes(rows: _CachedRows, numbers: list[HypothesisNumber], known: Mapping[int, Array], unknowns: Array) -> Array:
+def _slopes(rows: _Rows, numbers: list[HypothesisNumber], known: Mapping[int, Array], unknowns: Array) -> Array:
     """Forward differences, away from the bounds; of some unknowns the columns may be known."""
     here = rows(unknowns)
     columns = np.empty((here.size, unknowns.size), order="F")
@@ -213,19 +245,22 @@ def _slopes(rows: _CachedRows, numbers: list[HypothesisNumber], known: Mapping[i
             step = -step
         there = unknowns.copy()
         there[k] += step
-        columns[:, k] = (rows(there) - here) / step
+        columns[:, k] = (rows.beside(there) - here) / step
     return columns
 
 
 def _descend(
-    rows: _CachedRows,
+    rows: _Rows,
     numbers: list[HypothesisNumber],
     known: Mapping[int, Array],
     start: Array,
     steps: int,
     close: float,
+    first: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Go down from a start by damped Gauss-Newton steps: unknowns and slopes where that ends.
+    """Go down from a start by damped Gauss-Newton steps: unknowns where that ends, and slopes there or a step before.
+
+    `first` are the slopes of the start, where they are known.
 
     The rows are many and the unknowns few: each set of slopes is brought to a triangle once, of which every step is
     worked out. An unknown at its bound that would leave stays there.
@@ -233,7 +268,7 @@ def _descend(
     low, high = np.array([one.low for one in numbers]), np.array([one.high for one in numbers])
     scale = np.array([one.scale for one in numbers])
     at = np.clip(start, low, high)
-    here, slopes = rows(at), _slopes(rows, numbers, known, at)
+    here, slopes = rows(at), _slopes(rows, numbers, known, at) if first is None else first
     square, damping, harder = float(here @ here), DAMPING, 2.0
     q, triangle = _triangle(slopes * scale, here)
     for _ in range(steps - 1):
@@ -253,9 +288,9 @@ def _descend(
             at, here, square = there, new, square - gained
             damping *= max(1.0 / 3.0, 1.0 - (2.0 * gained / max(promised, gained) - 1.0) ** 3)
             harder = 2.0
-            slopes = _slopes(rows, numbers, known, at)
-            if ends:
+            if ends:  # too near where the slopes are from for others to be worth their runs
                 break
+            slopes = _slopes(rows, numbers, known, at)
             q, triangle = _triangle(slopes * scale, here)
         elif still or promised <= close * close * square:
             break
@@ -297,16 +332,16 @@ def fit_model(
     """
     numbers = _numbers(model)
     unknowns = np.clip(pack(model), [one.low for one in numbers], [one.high for one in numbers])
-    left = residuals_of(problem, unpack(model, unknowns))
-    jacobian = np.zeros((0, unknowns.size))
-    weights = weights_of(problem, left, use)
+    rows = _Rows(problem, model, use)
+    jacobian, first = np.zeros((0, unknowns.size)), None
+    rows.weights = weights_of(problem, rows.left(unknowns), use)
     for _ in range(rounds if unknowns.size else 0):
-        rows = _CachedRows(partial(weighted_rows, problem, model, weights, use))
-        unknowns, jacobian = _descend(rows, numbers, {}, unknowns, evaluations, CLOSE)
-        left = residuals_of(problem, unpack(model, unknowns))
-        before, weights = weights, weights_of(problem, left, use)
+        unknowns, jacobian = _descend(rows, numbers, {}, unknowns, evaluations, CLOSE, first)
+        before, weights = rows.weights, weights_of(problem, rows.left(unknowns), use)
         if all(abs(weights[one] / before[one] - 1.0) < SAME for one in weights):
             break
+        first = jacobian * rows.weigh(weights)[:, None]
+    left = rows.left(unknowns)
     return FittedModel(model=unpack(model, unknowns), left=left, jacobian=jacobian, unknowns=unknowns)
 
 
@@ -330,10 +365,10 @@ def fit_briefly(
         Slopes by unknown.
     steps : int
     """
-    rows = _CachedRows(partial(weighted_rows, problem, model, weights, problem.fit))
+    rows = _Rows(problem, model, problem.fit, weights)
     unknowns, jacobian = _descend(rows, _numbers(model), known, pack(model), steps, FIRST)
-    there = unpack(model, unknowns)
-    return FittedModel(model=there, left=residuals_of(problem, there), jacobian=jacobian, unknowns=unknowns)
+    there, left = unpack(model, unknowns), rows.left(unknowns)
+    return FittedModel(model=there, left=left, jacobian=jacobian, unknowns=unknowns)
 
 
 def covariance(problem: AxisProblem, fitted: FittedModel, use: BoolArray) -> Array:

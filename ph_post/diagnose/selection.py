@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from ph_post.diagnose.fit import FittedModel, Model, ModelPart, base_model, fit_model, plant_at, residuals_of
 from ph_post.diagnose.hypotheses import hypotheses
-from ph_post.diagnose.hypotheses.base import Numbers
+from ph_post.diagnose.hypotheses.base import Hypothesis, Numbers
 from ph_post.diagnose.hypotheses.drives import BACKLASH, FILTERS, far_servo, numbers_to
 from ph_post.diagnose.search import (
     BENT,
@@ -56,6 +56,9 @@ LOYAL: Final = 0.4
 
 TIMING: Final = frozenset(("transport_delay", "command_filter"))
 """Names that make a command late."""
+
+LATE: Final = {"moving_average": 0.5}
+"""By how much of its length a filter makes a command late, where that is not all of it."""
 
 TOLD: Final = 0.5
 """Square of rows by which a filter has to smear a command to be told from a delay: three times what straight lines
@@ -386,6 +389,7 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
         for one in search.tried(less, every=alone)
         if explains(problem, less, one[1]) and not (alone and one[0].label == part.hypothesis.label)
     ]
+    others += [one for one in _as_late(problem, last, number) if explains(problem, less, one[1])]
     ranking = rank(problem, less, [(part.hypothesis, last), *others])
     mine = next(one.score for one in ranking if one.fitted is last)
     best = _simplest(problem, ranking)
@@ -410,6 +414,26 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
         better=best.fitted if best.score > mine + max(PRICE, 0.5 * margin) else None,
         kinds=tuple(kinds),
     )
+
+
+def _as_late(problem: AxisProblem, last: FittedModel, number: int) -> list[tuple[Hypothesis, FittedModel]]:
+    """Fit in the place of a delay or a filter the others of them from a length that is as late.
+
+    From the few lengths that all are begun from, a fit may end beside the best where the table hunts in its backlash.
+    """
+    part = last.model.parts[number]
+    if part.hypothesis.name not in TIMING:
+        return []
+    late = part.numbers[0] * LATE.get(part.hypothesis.variant, 1.0)
+    less = without_part(last.model, number)
+    found = []
+    for one in hypotheses(problem):
+        if one.name not in TIMING or one.label == part.hypothesis.label:
+            continue
+        tried = [with_part(base, one, (late / LATE.get(one.variant, 1.0),)) for base in (less, at_file(less))]
+        start = min(tried, key=lambda model: position_rms(problem, residuals_of(problem, model), problem.fit))
+        found.append((one, fit_model(problem, start, problem.fit)))
+    return found
 
 
 def _smear(part: ModelPart) -> float:

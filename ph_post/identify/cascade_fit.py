@@ -95,6 +95,9 @@ STARTS: Final = 3
 CLEAN: Final = 1.5
 """Times the noise that a complete model may leave."""
 
+ROUGH: Final = 3.0
+"""Times the noise up to which a cascade that is only begun from needs no other beside it."""
+
 BETTER: Final = 0.35
 """Part of what a single loop leaves of held-out samples that a cascade may leave at most."""
 
@@ -207,7 +210,7 @@ def roughly_fitted(problem: AxisProblem, gap: float, off: float) -> Plant | None
     """
     size = FRICTIONS[0]
     tried = [replace(one, gap=gap, coulomb_plus=size, coulomb_minus=size) for one in _tried(problem)[1:]]
-    best = _best_of_two(problem, tried, ("friction",), off)
+    best = _best_of_two(problem, tried, ("friction",), off, ROUGH * problem.noise_floor)
     return best.plant if best is not None and _settles(best.plant) else None
 
 
@@ -292,17 +295,23 @@ def _rubbing(problem: AxisProblem, gaps: Sequence[float]) -> DriveFit:
 
 
 def _best_of_two(
-    problem: AxisProblem, tried: Sequence[Plant], more: Sequence[str], most: float = math.inf
+    problem: AxisProblem, tried: Sequence[Plant], more: Sequence[str], most: float = math.inf, enough: float = 0.0
 ) -> DriveFit | None:
-    """Fit gains and more from the best of what is tried of two K_v; None where all of it leaves more than that [m]."""
+    """Fit gains and more from the best of what is tried of two K_v, or of one where that leaves no more than `enough`.
+
+    None where all of what is tried leaves more than `most` [m].
+    """
     left = [position_rms(problem, residuals(problem, one), problem.fit) for one in tried]
     order = sorted(range(len(tried)), key=lambda number: left[number])
     if left[order[0]] > most:
         return None
     first = tried[order[0]]
-    other = next((tried[k] for k in order if _gain_of(tried[k]) != _gain_of(first)), first)
-    fits = [fit_drive(problem, one, (*gains_of(one), *more), rounds=1) for one in (first, other)]
-    return min(fits, key=lambda one: position_rms(problem, one.left, problem.fit))
+    found = fit_drive(problem, first, (*gains_of(first), *more), rounds=1)
+    if position_rms(problem, found.left, problem.fit) <= enough:
+        return found
+    second = next((tried[k] for k in order if _gain_of(tried[k]) != _gain_of(first)), first)
+    other = fit_drive(problem, second, (*gains_of(second), *more), rounds=1)
+    return min(found, other, key=lambda one: position_rms(problem, one.left, problem.fit))
 
 
 def _gain_of(plant: Plant) -> float:
