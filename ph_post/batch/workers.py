@@ -29,6 +29,12 @@ R = TypeVar("R")
 PATIENCE: Final = 10.0
 """How long a scheduler may take to answer [s]."""
 
+ALONE: Final = 300.0
+"""How long this computer may be without a worker before a batch ends [s]: Dask starts none for one that dies early."""
+
+LOOK: Final = 0.005
+"""How often is looked for what is done [s]."""
+
 AHEAD: Final = 3
 """Bundles that are handed out for each worker: one that it works on, one that it has, and one that waits for it."""
 
@@ -88,10 +94,12 @@ class Workers:
     client : distributed.Client
     place : str
         What refusals call the scheduler.
+    patience : float, optional
+        How long there may be no worker before it is an error [s]; a queue may take its time.
     """
 
-    def __init__(self, client: Client, place: str) -> None:
-        self._client, self._place = client, place
+    def __init__(self, client: Client, place: str, patience: float = math.inf) -> None:
+        self._client, self._place, self._patience = client, place, patience
         self._counted, self._count = -math.inf, 0
 
     @property
@@ -114,6 +122,18 @@ class Workers:
         while not self.count:
             progress(f"waiting for a worker of {self._place}")
             time.sleep(0.3)
+
+    def _wait_until(self, ready: Callable[[], bool], progress: Progress) -> None:
+        """Wait for what workers do, as long as there are workers."""
+        seen = time.monotonic()
+        while not ready():
+            time.sleep(LOOK)
+            if self.count:
+                seen = time.monotonic()
+                continue
+            progress(f"waiting for a worker of {self._place}")
+            if time.monotonic() - seen > self._patience:
+                raise WorkersError(f"{self._place} has lost its workers; the same command goes on where it stopped")
 
     def on_each_computer(self, function: Callable[..., R], meanwhile: Callable[[], object], *given: Any) -> list[R]:
         """Run a function on one worker of each computer, and another, which gives nothing, on the rest meanwhile.
@@ -138,6 +158,7 @@ class Workers:
             if address not in first.values():
                 fire_and_forget(self._client.submit(meanwhile, workers=[address], **where))
         asked = [self._client.submit(function, *given, workers=[address], **where) for address in first.values()]
+        self._wait_until(lambda: all(one.done() for one in asked), no_progress)
         try:
             with self._refusals():
                 return [one.result() for one in asked]
@@ -174,7 +195,7 @@ class Workers:
         Raises
         ------
         WorkersError
-            Where the scheduler has gone, or the workers lack the function.
+            Where the scheduler or the workers have gone, or these lack the function.
         """
         from distributed import KilledWorker, as_completed
 
@@ -183,10 +204,7 @@ class Workers:
         done = as_completed([], loop=self._client.loop)
         try:
             while waiting.more or running or suspects:
-                workers = self.count
-                if not workers:
-                    progress(f"waiting for a worker of {self._place}")
-                most = AHEAD * max(workers, 1)
+                most = AHEAD * max(self.count, 1)
                 while waiting.more and len(running) < most:
                     if bundle := waiting.take(most):
                         running[self._handed_out(function, bundle, done)] = bundle
@@ -196,6 +214,7 @@ class Workers:
                     running[self._handed_out(function, bundle, done)] = bundle
                 if not running:
                     continue
+                self._wait_until(done.has_ready, progress)
                 future = next(done)
                 bundle = running.pop(future)
                 try:
@@ -332,7 +351,7 @@ def open_workers(count: int, scheduler: str | None = None) -> Iterator[Workers]:
             )
         stack.enter_context(cluster)
         client = stack.enter_context(Client(cluster, set_as_default=False))
-        yield Workers(client, "this computer")
+        yield Workers(client, "this computer", ALONE)
 
 
 def _silence() -> None:

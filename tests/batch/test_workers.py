@@ -223,6 +223,20 @@ def test_a_job_that_ends_its_worker_is_given_up_and_the_others_are_not(bundling)
 
 
 @pytest.mark.slow
+def test_a_batch_ends_where_no_worker_is_left(monkeypatch):
+    monkeypatch.setattr(module, "ALONE", 1.0)
+    said = []
+    with open_workers(1) as workers:
+        workers.wait(said.append)
+        results = workers.run(eval, [(0, "1"), (1, "2")], said.append)
+        assert next(results) == (0, 1)
+        workers._client.cluster.scale(0)
+        with pytest.raises(WorkersError, match="this computer has lost its workers; the same command goes on"):
+            list(workers.run(eval, [(2, "3")], said.append))
+    assert "waiting for a worker of this computer" in said
+
+
+@pytest.mark.slow
 def test_a_job_that_takes_more_memory_than_its_share_is_given_up(monkeypatch):
     monkeypatch.setattr(system, "MEMORY_LIMIT", 600_000_000)
     with open_workers(1) as workers:
