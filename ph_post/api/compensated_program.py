@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import msgspec
@@ -21,7 +22,7 @@ from ph_post.edit.preconditions import reckoned_feeds
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.errors import PhPostError
 from ph_post.gcode.paths import ProgramPath, line_words
-from ph_post.gcode.program import PartProgram
+from ph_post.gcode.program import Note, PartProgram
 from ph_post.progress import Progress, no_progress
 from ph_post.types import Machine
 from ph_post.verify.verdict import Verdict
@@ -101,14 +102,24 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings, a sentence each; stretches that are passed through come first."""
-        name, edits = self.before.name, () if self.edits is None else self.edits.warnings
-        notes = self.before.notes
-        lines = [f"{note.first + 1}" + (f" to {note.last + 1}" if note.last > note.first else "") for note in notes]
-        passed = (
-            f"{name}:{line}: {note.what}: passed through unchanged" for line, note in zip(lines, notes, strict=True)
-        )
+        """Warnings, a sentence each; stretches that are passed through come first, of each cause the first ones."""
+        edits = () if self.edits is None else self.edits.warnings
+        passed = _passed(self.before.name, self.before.notes)
         return (*passed, *(_lead_notes(self.after) if self.done else ()), *edits)
+
+
+def _passed(name: str, notes: Sequence[Note]) -> Iterator[str]:
+    """Name the stretches that are passed through; of one cause a program may have thousands."""
+    found = Counter[str]()
+    for note in notes:
+        cause = note.what.partition(":")[0]
+        found[cause] += 1
+        if found[cause] <= NOTED:
+            lines = f"{note.first + 1}" + (f" to {note.last + 1}" if note.last > note.first else "")
+            yield f"{name}:{lines}: {note.what}: passed through unchanged"
+    for cause, number in found.items():
+        if number > NOTED:
+            yield f"{name}: {cause} in {number - NOTED:,} more places: passed through unchanged"
 
 
 def _lead_notes(program: PartProgram) -> tuple[str, ...]:

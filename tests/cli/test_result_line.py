@@ -276,3 +276,14 @@ def test_where_lag_is_led_the_error_by_all_causes_is_said_too() -> None:
     (worst,) = result_lines(replace(summary, error_worst=ContourError(max=14.8e-6, rms=1e-6)))
     assert worst.endswith(" 62 → 6.3 µm max (15 in the worst case of the machine file), 45 → 0.8 µm rms")
     assert result_lines(replace(summary, error_worst=ContourError(max=6.6e-6, rms=1e-6))) == [line]
+
+
+def test_a_cause_that_a_program_has_thousands_of_names_twenty_places(
+    part: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drilled = "".join(f"G98 G81 X{hole} Y10 Z-1 R1 F100\nG80\nG0 Z3\n" for hole in range(25))
+    part.write_text(POCKET.replace("G0 Z2\n", "G0 Z2\n" + drilled))
+    said, _ = ended(capsys, "convert", str(part), "-m", "stepper", "--max-slowdown", "10")
+    drills = [line for line in said if "canned cycle: " in line and line.startswith("warning: ")]
+    assert len(drills) == 20
+    assert sum("canned cycle in 5 more places: passed through unchanged" in line for line in said) == 1
