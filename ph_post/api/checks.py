@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from msgspec.structs import replace
-
 from ph_post.api.expansion import written_out
 from ph_post.api.further_axes import shifted_original
 from ph_post.api.inputs import Source, any_machine
@@ -197,7 +195,8 @@ def rehearse(
     """
     progress("reading")
     drives, name = any_machine(machine)
-    if replace(find_dialect(drives.dialect).language, effects={}) != RS274:  # M words aside, the same words
+    spoken = find_dialect(drives.dialect).language
+    if (spoken.name, spoken.read) != (RS274.name, RS274.read):
         what = "LinuxCNC runs programs in RS274's words, not in those of another controller"
         raise InputError(name, what, expected="a machine file for LinuxCNC", got=drives.dialect)
     part = _read(program)

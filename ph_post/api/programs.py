@@ -471,7 +471,10 @@ class _PlanSearch:
         original, verdict = self._original, made.verdict
         places = refused if verdict is None else _failed_places(original, made.after, verdict)
         assert made.edits is not None
-        standing = _crossed_in(made.edits, places) - options.standing
+        standing = _crossed_in(made.edits, places)
+        if not standing and verdict is not None:
+            standing = _crossed_in(made.edits, _changed_places(original, made.after, verdict))
+        standing -= options.standing
         if standing and (verdict is None or verdict.found == len(verdict.failures)):
             return replace(options, standing=options.standing | standing)
         stretches, sections = self._parted(places)
@@ -558,6 +561,20 @@ def _crossed_in(edits: Edits, places: Places) -> frozenset[int]:
     crossed = [{part.motion for part in one.parts} for one in edits.crossings]
     found = [one for one in crossed if any(min(one) <= last and first <= max(one) for first, last in places)]
     return frozenset().union(*found)
+
+
+def _changed_places(program: PartProgram, after: PartProgram, verdict: Verdict) -> Places:
+    """Return the motions whose lines were changed with those in which a checker found failures.
+
+    A change that begins with the rapid to a cut has its failures told of that line.
+    """
+    origins = line_origins(after, program)
+    if origins is None:
+        return ()
+    lines = [one.compensated - 1 for one in verdict.failures if one.compensated is not None]
+    spans = np.stack((origins.first[lines], origins.end[lines]), axis=1)
+    motions = np.searchsorted(program.motions.block, spans) - (0, 1)
+    return tuple((int(first), int(last)) for first, last in motions.tolist() if first <= last)
 
 
 def _failed_places(program: PartProgram, after: PartProgram, verdict: Verdict) -> Places:

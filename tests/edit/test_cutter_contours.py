@@ -10,7 +10,7 @@ from functools import cache
 import pytest
 from support.canon import needs_rs274
 from support.canon_player import canon_moves
-from support.corpus import TOOLS, stepper
+from support.corpus import stepper
 from support.corpus_judge import GAP, _sampled, played_places, table_of
 from support.cutter_outlines import outline
 from support.ideal_play import distances
@@ -44,7 +44,7 @@ M30
 @cache
 def changed(text, dialect="linuxcnc", ending=".ngc"):
     source = SourceBytes(name=f"a{ending}", stem="a", data=text.encode())
-    return compensated(source, stepper(dialect), CompensateOptions(tool_table=TOOLS), "program", no_progress)
+    return compensated(source, stepper(dialect), CompensateOptions(), "program", no_progress)
 
 
 def verdict(text, made, dialect, ending):
