@@ -230,8 +230,8 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
     """Check that no axis moves back farther than the dead band under the offset of its other direction.
 
     The dead band is the tolerance, or the offset itself where that is more: moves smaller than the lost motion
-    may be ignored. Of moves that are tied to the spindle the longest of each run counts: all have its offsets.
-    may be ignored. Where a cutter comes onto an arc and where it leaves a contour its radius decides how axes move.
+    may be ignored. Of moves that are tied to the spindle the longest of each run counts: all have its offsets. Where a
+    cutter comes onto an arc under compensation, and where it leaves a contour, its radius decides how the axes move.
     """
     motions = case.compensated.motions
     curves = np.isin(motions.kind, (CUBIC, NURBS))
