@@ -341,10 +341,10 @@ def _base(problem: AxisProblem) -> FittedModel:
     return fit_model(problem, held, problem.fit)
 
 
-def _settle(problem: AxisProblem, stages: list[FittedModel]) -> list[FittedModel]:
-    """Take out what is no longer needed."""
+def _settle(problem: AxisProblem, stages: list[FittedModel], *, exchanged: bool = False) -> list[FittedModel]:
+    """Take out what is no longer needed: the last part too where it was `exchanged`, and has earned no place."""
     last = stages[-1]
-    for number in range(len(last.model.parts) - 1):
+    for number in range(len(last.model.parts) - (0 if exchanged else 1)):
         less = fit_model(problem, without_part(last.model, number), problem.fit)
         needed = explains(problem, less, last) or not at_floor(problem, last)
         if score_over(problem, less, last) <= 0.0 or not needed:
@@ -374,7 +374,9 @@ def _exchange(
         better = next((one.better for one in standings if one.better is not None), None)
         if better is None:
             break
-        stages = _settle(problem, _restage(problem, better, stages[0]))
+        stages = _settle(problem, _restage(problem, better, stages[0]), exchanged=True)
+    else:
+        standings = [_stand(search, stages, number) for number in range(len(stages[-1].model.parts))]
     return stages, tuple(standings)
 
 

@@ -17,7 +17,7 @@ from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
 _OWN = b"GXYZFNIJKRPQ"
 """Letters of the blocks of crossings, and of the parts of motions beside them; P and Q of a path mode, too."""
 
-_COMMANDS = b"MSTO"
+_IS_COMMAND = np.isin(np.arange(256), np.frombuffer(b"MSTO", dtype=np.uint8))
 _DWELL = 4.0
 _EXTRUDED = re.compile(rb"[Ee][ \t]*([-+]?(?:\d+\.?\d*|\.\d+))")
 _RELATIVE = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?M0*8([23])\b", re.IGNORECASE | re.MULTILINE)
@@ -287,7 +287,7 @@ def _check_commands(case: VerifyCase, own: _Places, change: int, words: tuple[Wo
 def _commands_of(program: PartProgram, words: WordTable, first: int, last: int) -> list[tuple[str, float, int]]:
     """Commands of some lines, in order: letter, value and line; of dwells the time [s]."""
     rows = words.rows(first, last)
-    wanted = np.isin(words.letter[rows], np.frombuffer(_COMMANDS, dtype=np.uint8))
+    wanted = _IS_COMMAND[words.letter[rows]]
     found = [
         (chr(int(words.letter[word])), float(np.nan_to_num(words.value[word])), int(words.block[word]))
         for word in (rows.start + np.flatnonzero(wanted)).tolist()

@@ -107,3 +107,9 @@ def test_what_no_name_explains_is_unknown_and_adds_nothing(name: str, seed: int)
 def test_a_filter_is_not_taken_for_a_delay_where_the_table_hunts_in_its_backlash() -> None:
     """The filter's own fit ends beside the best there: 6.0 ms, which leaves more than a delay of half of that."""
     is_named_and_sized("command_filter", "motor+force", "cascade-load", 1004)
+
+
+@pytest.mark.slow
+def test_what_is_not_needed_beside_a_better_name_is_taken_out() -> None:
+    """Behind the Stribeck friction in its place a second name had stood on as a backlash that explained nothing."""
+    is_named_and_sized("stribeck_friction", "act", "motor", 3005)
