@@ -11,7 +11,7 @@ from support.canon import needs_rs274
 from support.canon_player import canon_moves
 from support.corpus import stepper
 from support.corpus_judge import GAP, _sampled, table_of
-from support.cutter_outlines import round_outline
+from support.cutter_outlines import FANUC, round_outline
 from support.ideal_play import distances
 from support.reference_player import BEGINS
 
@@ -111,21 +111,7 @@ def test_a_contour_between_arcs_is_followed_though_axes_turn_in_the_corners_befo
     assert away[1] < 0.1 * away[0]
 
 
-HALF = """%
-O1011
-G21 G17 G90 G40 G54
-G00 X-20. Y-20. Z5.
-G01 Z-2. F150.
-G41 D01 X0. Y-10. F300.
-Y30.
-G02 X40. Y30. R20.
-G01 Y0.
-X-10.
-G40 X-20. Y-20.
-G00 Z5.
-M30
-%
-"""
+HALF = FANUC.replace("X40.\nY0.", "G02 X40. Y30. R20.\nG01 Y0.")
 
 
 def test_a_chord_with_no_room_for_the_cutter_is_a_failure():

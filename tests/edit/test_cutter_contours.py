@@ -12,7 +12,7 @@ from support.canon import needs_rs274
 from support.canon_player import canon_moves
 from support.corpus import stepper
 from support.corpus_judge import GAP, _sampled, played_places, table_of
-from support.cutter_outlines import outline
+from support.cutter_outlines import FANUC, outline
 from support.ideal_play import distances
 
 from ph_post.api.compensation import compensated, undo
@@ -24,21 +24,6 @@ from ph_post.units import MM
 from ph_post.verify.verify import verify
 
 NOTE = re.compile(rb"note cutter compensation holds for radii up to ([\d.]+) mm", re.IGNORECASE)
-FANUC = """%
-O1011
-G21 G17 G90 G40 G54
-G00 X-20. Y-20. Z5.
-G01 Z-2. F150.
-G41 D01 X0. Y-10. F300.
-Y30.
-X40.
-Y0.
-X-10.
-G40 X-20. Y-20.
-G00 Z5.
-M30
-%
-"""
 
 
 @cache

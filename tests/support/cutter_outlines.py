@@ -4,6 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
+FANUC = """%
+O1011
+G21 G17 G90 G40 G54
+G00 X-20. Y-20. Z5.
+G01 Z-2. F150.
+G41 D01 X0. Y-10. F300.
+Y30.
+X40.
+Y0.
+X-10.
+G40 X-20. Y-20.
+G00 Z5.
+M30
+%
+"""
+"""A contour of straight lines whose radius is in the control's table."""
+
 
 def outline(rng):
     """Program for LinuxCNC with a cutter of a random radius on a rectangle or an L, and that radius [mm]."""
