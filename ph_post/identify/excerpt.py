@@ -59,6 +59,12 @@ QUICKER: Final = 1.2
 """Speed and acceleration of the motion between windows, at most, by the largest of the log."""
 
 
+A_REST: Final = 1.0
+"""What is kept of a rest with which a log begins or ends, at least [s]."""
+
+WANDERS: Final = 1.5
+"""Times the spread that its differences tell which a reading's may have where it rests."""
+
 SLOPE: Final = 6
 """Samples from which the speed at the end of a window is taken."""
 
@@ -84,8 +90,10 @@ def excerpt(log: Log, machine: Machine, most: int = MOST) -> Log:
     Returns
     -------
     Log
-        With `windows`, where it is an excerpt.
+        With `windows`, where it is an excerpt. Long rests at both ends are left out of any log: they show
+        nothing, and would be a part of all shares and spreads.
     """
+    log = _without_rests(log, machine)
     most = min(most, 2 * most // parts_between(log.period))
     if log.t.size <= most:
         return log
@@ -95,6 +103,40 @@ def excerpt(log: Log, machine: Machine, most: int = MOST) -> Log:
     if log.t.size <= most:
         return replace(log, windows=((float(log.t[0]), float(log.t[-1]) + log.period),))
     return _joined(log, machine, _chosen(log, machine, math.ceil(KEPT * most)))
+
+
+def _without_rests(log: Log, machine: Machine) -> Log:
+    """Return the log without its ends in which nothing is commanded and no reading wanders."""
+    moves = np.flatnonzero(np.any([np.diff(axis.command) != 0.0 for axis in log.axes.values()], axis=0))
+    if moves.size == 0:
+        return log
+    kept = math.ceil(max(A_REST, _longest_settling(log, machine)) / log.period)
+    start, stop = max(int(moves[0]) - kept, 0), min(int(moves[-1]) + 2 + kept, log.t.size)
+    # Half of what is kept is looked at, too: what goes on there has not come to rest.
+    if not _rest(log, slice(0, start + kept // 2)):
+        start = 0
+    if not _rest(log, slice(stop - kept // 2, None)):
+        stop = log.t.size
+    if stop - start == log.t.size:
+        return log
+    axes = {name: _of(axis, lambda values: values[start:stop]) for name, axis in log.axes.items()}
+    return replace(log, t=sealed(log.t[start:stop]), axes=axes)
+
+
+def _rest(log: Log, where: slice) -> bool:
+    """Whether no reading does more there than a noise from sample to sample: none coasts, creeps or grows."""
+    for axis in log.axes.values():
+        for reading in (axis.table, axis.motor, axis.effort):
+            values = reading[where] if reading is not None else np.empty(0)
+            values = values[np.isfinite(values)]
+            # From the first one on, as the spread of what stands still elsewhere is not quite 0.
+            if values.size > 1 and np.std(values - values[0]) > WANDERS * np.std(np.diff(values)) / math.sqrt(2.0):
+                return False
+    return True
+
+
+def _longest_settling(log: Log, machine: Machine) -> float:
+    return max((settling_time(machine.axes[name]) for name in log.axes if name in machine.axes), default=0.0)
 
 
 def _every(log: Log, machine: Machine) -> int:
@@ -118,7 +160,7 @@ def _of(axis: AxisLog, take: Callable[[Array], Array]) -> AxisLog:
 
 def _chosen(log: Log, machine: Machine, most: int) -> list[LogWindow]:
     """Choose windows, in the order of time, those that touch as one."""
-    settling = max((settling_time(machine.axes[name]) for name in log.axes if name in machine.axes), default=0.0)
+    settling = _longest_settling(log, machine)
     size = max(SHORTEST, STARTS * settling, most * log.period / WINDOWS) / log.period
     cell = max(math.ceil(size / CELLS), 1)
     cells = log.t.size // cell

@@ -86,7 +86,7 @@ def test_the_way_from_a_log_to_less_error(
     columns = shlex.join(words[words.index("--column") : words.index("-o")])
     capsys.readouterr()
     run(f"identify kit/fast_x.txt -m mill.toml {columns} -o found.toml --json")
-    # LinuxCNC's threads are late now and then where the machine is busy, and the record is so much worse.
+    # Where LinuxCNC cannot run in lockstep its threads are late now and then, and the record is so much worse.
     spread = json.loads(capsys.readouterr().out)["axes"]["X"]["lost_motion"]["stderr"]
     assert spread <= SERVO.count
     close = max(SERVO.count, 2.0 * spread)

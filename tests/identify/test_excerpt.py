@@ -54,11 +54,25 @@ def logged(seconds: float, period: float = 1e-3) -> Log:
     return Log(name="shop", t=t, period=period, axes=axes)
 
 
+def until(log: Log, seconds: float) -> Log:
+    """Cut a log off, as before the rest with which work ends."""
+    rows = round(seconds / log.period)
+    axes = {
+        name: AxisLog(
+            command=axis.command[:rows],
+            table=None if axis.table is None else axis.table[:rows],
+            motor=None if axis.motor is None else axis.motor[:rows],
+        )
+        for name, axis in log.axes.items()
+    }
+    return replace(log, t=log.t[:rows], axes=axes)
+
+
 MACHINE = make_machine([make_axis("motor", B, C, GAP)], 1e-3)
 
 
 def test_a_short_log_is_taken_whole() -> None:
-    log = logged(20.0)
+    log = until(logged(20.0), 18.0)
     assert excerpt(log, MACHINE) is log
 
 
@@ -99,3 +113,41 @@ def test_the_true_plant_runs_through_an_excerpt_and_leaves_nothing_where_it_coun
     assert not np.any(again.counted & ~problem.counted)
     wrong = residuals(problem, replace(problem.plant, gap=0.0))
     assert math.sqrt(np.mean(wrong["act"][problem.counted] ** 2)) > 0.4 * GAP
+
+
+def rested(log: Log, before: float, after: float, creep: float = 0.0) -> Log:
+    """Put rests around a log that begins and ends in rest, with noise of their own; the last one creeps [m]."""
+    rng = np.random.default_rng(3)
+    head, tail = (round(seconds / log.period) for seconds in (before, after))
+
+    def around(values: Array, noise: float, by: float) -> Array:
+        ends = (np.full(head, values[0]), values[-1] + by * np.linspace(0.0, 1.0, tail))
+        return np.concatenate(
+            [ends[0] + noise * rng.standard_normal(head), values, ends[1] + noise * rng.standard_normal(tail)]
+        )
+
+    axes = {
+        name: AxisLog(
+            command=around(axis.command, 0.0, 0.0),
+            table=None if axis.table is None else around(axis.table, 0.2 * UM, creep),
+            motor=None if axis.motor is None else around(axis.motor, 0.2 * UM, creep),
+        )
+        for name, axis in log.axes.items()
+    }
+    return replace(log, t=log.period * np.arange(log.t.size + head + tail), axes=axes)
+
+
+def test_long_rests_at_both_ends_are_left_out() -> None:
+    log = until(logged(8.0), 7.0)
+    long = excerpt(rested(log, 20.0, 40.0), MACHINE)
+    short = excerpt(rested(log, 1.5, 1.5), MACHINE)
+    assert long.t.size == short.t.size
+    assert long.t[0] == pytest.approx(19.0, abs=0.01)
+    for found in (long, short):
+        assert found.windows == ()
+        assert np.array_equal(found.axes["X"].command[1000:-1000], log.axes["X"].command)
+
+
+def test_a_rest_in_which_something_creeps_stays() -> None:
+    crept = excerpt(rested(until(logged(8.0), 7.0), 1.5, 10.0, creep=5.0 * UM), MACHINE)
+    assert crept.t[-1] == pytest.approx(18.5, abs=0.01)
