@@ -88,6 +88,7 @@ def compensate(
     tool_table: Source | None = None,
     controller_units: Literal["mm", "inch"] = "mm",
     peck_clearance: float | None = None,
+    controller_version: str | None = None,
     progress: Progress = no_progress,
 ) -> Compensation:
     """Compensate a path or a part program for the backlash of a machine.
@@ -177,6 +178,8 @@ def compensate(
         Units of the controller's files.
     peck_clearance : float, optional
         How far G73 and G83 back off [m] on a control of Fanuc, as its parameters 5114 and 5115 say.
+    controller_version : str, optional
+        Version of LinuxCNC, as "2.9.4", for turning cycles in which its versions differ.
     progress : callable, optional
         Called with the name of every stage.
 

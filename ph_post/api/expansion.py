@@ -77,6 +77,9 @@ def expanded_job(
         elif base == "heidenhain":
             language = "heidenhain"
         inches = options.controller_units == "inch"
+        version = None
+        if options.controller_version is not None:
+            version = tuple(int(part) for part in options.controller_version.split("."))
         found = expand(
             job.data,
             job.name,
@@ -85,6 +88,7 @@ def expanded_job(
             parameters=parameters,
             tools=tools,
             inches=inches,
+            version=version,
         )
     except ExpandError as error:
         where = f"{error.file or job.name}:{max(error.line, 1)}"
@@ -202,6 +206,7 @@ def _again(original: PartProgram, kept: Written) -> bytes | None:
             parameters=kept.parameters,
             tools=kept.tools,
             inches=kept.inches,
+            version=kept.version,
         ).data
     except ExpandError:
         return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Mapping, Sequence
 from numbers import Real
 from typing import Any, Final, Literal, TypeVar, get_args
@@ -38,6 +39,8 @@ _RANGES = {
     "effort": (0.0, True, MOST_EFFORT),
 }
 """Smallest value, whether it is left out, and largest value."""
+
+_VERSION: Final = re.compile(r"\d{1,3}\.\d{1,3}\.\d{1,3}", re.ASCII)
 
 _WORDS = {
     "start": ("rest", "moving"),
@@ -90,6 +93,7 @@ WHERE_EXPANDED: Final[Mapping[str, Any]] = {
     "parameters": None,
     "tool_table": None,
     "peck_clearance": None,
+    "controller_version": None,
 }
 """Options that say how a program is written out, with what they are where they are not given."""
 
@@ -137,6 +141,7 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     tool_table: str | os.PathLike[str] | None = None
     peck_clearance: float | None = None
     controller_units: Literal["mm", "inch"] = "mm"
+    controller_version: str | None = None
     notes_in_header: bool = False
 
     def __post_init__(self) -> None:
@@ -151,6 +156,8 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             require_number(name, getattr(self, name))
         for name, known in _WORDS.items():
             require_word(name, getattr(self, name), known)
+        if self.controller_version is not None and not _VERSION.fullmatch(self.controller_version):
+            raise OptionsError(f"--controller-version: not a version; expected 2.9.4; got {self.controller_version}")
         if self.degree is not None:
             check_degree(self.degree)
         if self.corner_tolerance is not None and self.feed_only:

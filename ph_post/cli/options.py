@@ -483,6 +483,12 @@ _EXPANDING = (
         help="With --expand, for Fanuc: how far G73 and G83 back off by the control's settings (parameters 5114 and "
         "5115); without it they stay.",
     ),
+    click.option(
+        "--controller-version",
+        metavar="VERSION",
+        help="With --expand: the version of LinuxCNC, as 2.9.4, for turning cycles (G71, G72) in which its versions "
+        "differ; without it these stay.",
+    ),
 )
 
 

@@ -14,7 +14,9 @@ from ph_post.expand.faults import ExpandError, NotExpandableError
 from ph_post.expand.lines import LineWord, ProgramLine
 from ph_post.expand.machine import AXES, GROUP_OF, MOTIONS, MachineState
 from ph_post.expand.offsets import WorkOffsets
+from ph_post.expand.roughing import TURNING
 from ph_post.expand.tools import ToolShape
+from ph_post.expand.turning_cycles import ProfileBlock, belongs_to_cycle, turning_cycle
 from ph_post.expand.values import UNKNOWN, Store
 from ph_post.expand.writing import number_text
 
@@ -49,7 +51,8 @@ class BlockRunner:
     standing : mapping
         Why the cutter compensation that is switched on at a place (file and line) stays as it is.
 
-    `at` is the place of the line that runs; `aside` says that its block is written for a turning cycle to read.
+    `at` is the place of the line that runs; `aside` are the blocks of a turning cycle's profile while they are run for
+    the cycle to read, None otherwise.
     """
 
     def __init__(
@@ -63,7 +66,8 @@ class BlockRunner:
     ) -> None:
         self.store, self.machine, self.offsets, self.decimals = store, machine, offsets, decimals
         self.lines: list[str] = []
-        self.at, self.aside = ("", 0), False
+        self.at = ("", 0)
+        self.aside: list[ProfileBlock] | None = None
         self.cutter = CompensatedBlocks(machine, self.lines, decimals, tools, standing)
         self.memory = CycleMemory()
         self.notes: dict[str, None] = {}
@@ -89,7 +93,9 @@ class BlockRunner:
         odd = [code for code in codes if code not in _KNOWN]
         same = [code for code in codes if self.machine.modes.get(GROUP_OF.get(code, "")) == code]
         self._modal(codes, orders, words)
-        if not self.aside:
+        if self.aside is not None:
+            self.aside.append(ProfileBlock(codes, orders, words))
+        else:
             self.cutter.switch(codes, words, self.at, self.offsets.unit("x"))
         motion = self._motion(codes, words)
         self.cutter.check([code for code in codes if code not in same], orders, motion)
@@ -198,6 +204,31 @@ class BlockRunner:
             back.append(f"G{mode / 10:g}" + (f" {machine.path_words}" if mode == 640 and machine.path_words else ""))
         if back:
             self.lines.append(" ".join(back))
+        self.changed = True
+
+    def turn(self, line: ProgramLine, profile: list[ProfileBlock], *, keep: bool) -> None:
+        """Write a turning cycle out, whose profile are these blocks.
+
+        Raises
+        ------
+        NotExpandableError
+            Where it has to stay as it is; then nothing is done.
+        """
+        if line.fault is not None or line.settings or line.optional:
+            raise NotExpandableError("the line of a turning cycle does more than to call it")
+        values = [(word, self._value(word)) for word in line.words]
+        block = ProfileBlock(
+            [round(10.0 * value) for word, value in values if word.letter == "g"],
+            [round(value) for word, value in values if word.letter == "m"],
+            {word.letter: value for word, value in values if word.letter not in "gm"},
+        )
+        machine = self.machine
+        made = turning_cycle(machine, block, profile, self.decimals)
+        self._modal(block.codes, block.orders, block.words)
+        self._write_rest(line, values, belongs_to_cycle, keep=keep)
+        self.lines += made.lines
+        machine.place.update(z=made.end.real, x=made.end.imag)
+        machine.motion, self.memory.initial = made.motion, None
         self.changed = True
 
     def _compensated(
@@ -355,7 +386,7 @@ class BlockRunner:
         elif motion in (382, 383, 384, 385):
             machine.forget("".join(axis for axis in AXES if axis in words))
             self.store.numbers.update(dict.fromkeys(range(5061, 5071), UNKNOWN))
-        elif motion in (700, 710, 711, 712, 720, 721, 722, 760):
+        elif motion in (*TURNING, 760):
             machine.forget("xz")
         elif motion in CYCLES:
             across = machine.axes[2] if machine.axes is not None else "z"

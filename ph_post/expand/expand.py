@@ -17,6 +17,7 @@ from ph_post.expand.iso_corners import IsoCorners
 from ph_post.expand.klartext import KlartextRunner
 from ph_post.expand.klartext_corners import KlartextCorners
 from ph_post.expand.lines import Source
+from ph_post.expand.machine import Version
 from ph_post.expand.macro import FanucNumbers
 from ph_post.expand.run import ProgramRunner
 from ph_post.expand.sinumerik import SinumerikRunner
@@ -27,7 +28,7 @@ from ph_post.gcode.numbers import COMMENT, SEMICOLON, Comments
 
 _NEEDED: Final = re.compile(
     rb"#|\[|^[ \t]*/?[ \t]*(?:N[ \t\d.]*)?O[ \t]*[<\d]|"
-    rb"G[ \t]*(?:7[34]|8[1-9]|4[12](?:\.1)?)(?![\d.])|M[ \t]*(?:98|99|7[0-3])(?!\d)|[@^]",
+    rb"G[ \t]*(?:7[0-4]|7[12]\.[12]|8[1-9]|4[12](?:\.1)?)(?![\d.])|M[ \t]*(?:98|99|7[0-3])(?!\d)|[@^]",
     re.IGNORECASE | re.MULTILINE,
 )
 """What a program that computes has somewhere."""
@@ -123,6 +124,7 @@ def expand(
     parameters: Mapping[int, float] | None = None,
     tools: Mapping[int, ToolShape] | None = None,
     inches: bool = False,
+    version: Version | None = None,
 ) -> Expansion:
     r"""Write out a program of LinuxCNC's language, of Fanuc's, Siemens's or Heidenhain's.
 
@@ -144,6 +146,8 @@ def expand(
         Tools of the controller's table, for LinuxCNC; without it only radii that the program gives are known.
     inches : bool
         Whether the controller's files count in inches, as the machine then does.
+    version : tuple of int, optional
+        Of the controller's LinuxCNC, as (2, 9, 4), for turning cycles, in which its versions differ.
 
     Returns
     -------
@@ -182,7 +186,7 @@ def expand(
         found = _heidenhain(source)
         corners = KlartextCorners(found.lines)
     else:
-        found = _linuxcnc(source, folders, parameters, tools or {}, inches=inches)
+        found = _linuxcnc(source, folders, parameters, tools or {}, inches=inches, version=version)
     if corners is not None:
         found = _with_corners(found, corners, name)
     if not found.changed:
@@ -197,6 +201,7 @@ def expand(
         parameters=None if parameters is None else dict(parameters),
         tools=dict(tools or {}),
         inches=inches,
+        version=version,
     )
     return Expansion(data=_joined(data, found.lines, written), notes=found.notes)
 
@@ -232,9 +237,13 @@ def _linuxcnc(
     tools: Mapping[int, ToolShape],
     *,
     inches: bool,
+    version: Version | None,
 ) -> _Lines:
+    find = folders.find
     runner, lines = _run(
-        lambda standing: ProgramRunner(source, folders.find, DECIMALS, parameters, tools, standing, inches=inches)
+        lambda standing: ProgramRunner(
+            source, find, DECIMALS, parameters, tools, standing, inches=inches, version=version
+        )
     )
     notes = runner.notes
     assumed = sorted(runner.store.assumed)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, TypeAlias
 
 from ph_post.expand.values import UNKNOWN
+
+Version: TypeAlias = tuple[int, ...]
+"""A version of LinuxCNC, as (2, 9, 4)."""
 
 AXES: Final = "xyzabcuvw"
 LINEAR: Final = "xyzuvw"
@@ -57,10 +60,11 @@ class MachineState:
     """Modes and places.
 
     `place` in program coordinates and units, `offset` what the machine's coordinate has besides (work offset, G92,
-    tool), NaN where it is not known.
+    tool), NaN where it is not known. `version` is that of the controller's LinuxCNC, None where nobody said it.
     """
 
     def __init__(self) -> None:
+        self.version: Version | None = None
         self.modes: dict[str, int] = dict(START)
         self.motion = 800
         self.place: dict[str, float] = dict.fromkeys(AXES, UNKNOWN)

@@ -13,18 +13,18 @@ import msgspec
 from ph_post.expand.blocks import BlockRunner
 from ph_post.expand.faults import MOST_CALLS, ExpandError, NotExpandableError
 from ph_post.expand.lines import PROGRAM, Flow, ProgramLine, Source
-from ph_post.expand.machine import MachineState
+from ph_post.expand.machine import MachineState, Version
 from ph_post.expand.named import NamedValues
 from ph_post.expand.offsets import WorkOffsets
 from ph_post.expand.progress import MOST_SILENT, Progress, check_turn
+from ph_post.expand.roughing import TURNING
 from ph_post.expand.states import SavedStates
 from ph_post.expand.tools import ToolShape
+from ph_post.expand.turning_cycles import ProfileBlock
 from ph_post.expand.values import LOCAL, ParameterFrame, Store
 
 Find = Callable[[str], Source | None]
 """Finds the file of a subprogram by its name."""
-
-_TURNING: Final = (70, 71, 71.1, 71.2, 72, 72.1, 72.2)
 
 _BLOCK: Final = ("while", "repeat", "do")
 
@@ -65,6 +65,8 @@ class ProgramRunner:
         As of :class:`BlockRunner`.
     inches : bool
         Whether the machine's units are inches.
+    version : tuple of int, optional
+        Of LinuxCNC.
     """
 
     def __init__(
@@ -77,8 +79,10 @@ class ProgramRunner:
         standing: Mapping[tuple[str, int], str],
         *,
         inches: bool = False,
+        version: Version | None = None,
     ) -> None:
         self.machine = MachineState()
+        self.machine.version = version
         self._named = NamedValues(self.machine)
         self.store = Store(self._named.look_up, self._named.place, parameters)
         offsets = WorkOffsets(self.store, self.machine, inches=inches)
@@ -151,9 +155,18 @@ class ProgramRunner:
             if len(line.words) > 1:
                 raise NotExpandableError("M70 to M73 on a line with other words")
             return False
-        if any(word.letter == "g" and word.plain in _TURNING for word in line.words):
-            line = self._with_contour(line)
-        return self.blocks.run(line, keep=len(self.calls) == 1 and not call.heads)
+        keep = len(self.calls) == 1 and not call.heads
+        if any(word.letter == "g" and round(10.0 * (word.plain or 0.0)) in TURNING for word in line.words):
+            label, lines, profile = self._contour(line)
+            try:
+                self.blocks.turn(line, profile, keep=keep)
+            except NotExpandableError as error:
+                name, number = self.blocks.at
+                self.blocks.notes[f"{name}:{number}: the turning cycle stays as it is: {error.what}"] = None
+                line = self._with_contour(line, label, lines)
+            else:
+                return False
+        return self.blocks.run(line, keep=keep)
 
     def _percent(self, call: Call, line: ProgramLine) -> bool:
         if _WAITS.match(line.text):
@@ -187,11 +200,8 @@ class ProgramRunner:
             self._return(flow, label)
         return False
 
-    def _with_contour(self, line: ProgramLine) -> ProgramLine:
+    def _with_contour(self, line: ProgramLine, label: str, lines: list[str]) -> ProgramLine:
         """Write the subprogram ahead that a turning cycle takes its contour from, and return the line that calls it."""
-        values = {word.letter: word.value(self.store) for word in line.words}
-        label = str(round(self.store.require(values.get("q", 0.0), "Q")))
-        lines = self._contour(label)
         while label in self._contours and self._contours[label] != lines:
             label = str(int(label) + 1000)
         if label not in self._contours:
@@ -205,13 +215,20 @@ class ProgramRunner:
         ]
         return msgspec.structs.replace(line, words=tuple(words), computed=True)
 
-    def _contour(self, label: str) -> list[str]:
-        """Run a subprogram for its lines alone."""
+    def _contour(self, line: ProgramLine) -> tuple[str, list[str], list[ProfileBlock]]:
+        """Run the subprogram that a turning cycle calls for its lines alone; return its label, lines and blocks."""
         if self.blocks.cutter.begun is not None:
             raise NotExpandableError("a turning cycle with cutter compensation on")
+        words = {word.letter: word.value(self.store) for word in line.words}
+        label = str(round(self.store.require(words.get("q", 0.0), "Q")))
         source, at = self._target(self.call, label, ("sub",))
         machine, lines, depth = copy.deepcopy(self.machine.__dict__), self.blocks.lines, len(self.calls)
-        self.blocks.lines, self.blocks.aside = [], True
+        aside: list[ProfileBlock] = []
+        here, self.blocks.aside, self.blocks.lines = self.blocks.at, aside, []
+        self.machine.motion = 0  # the cycle goes to where it begins before
+        self.machine.place = self.machine.target({axis: words[axis] for axis in "xz" if axis in words})
+        if not self.machine.absolute:
+            self.machine.forget("xz")
         self._enter(Call(source=source, at=at + 1, label=label, start=at + 1), ParameterFrame())
         progress = Progress()
         while len(self.calls) > depth:
@@ -220,8 +237,9 @@ class ProgramRunner:
                 raise ExpandError(f"the contour of a turning cycle does not end: o{label}")
             progress.step(partial(self._step, call), call.source.name, call.at + 1, len(self.blocks.lines))
         self.machine.__dict__.update(machine)
-        found, self.blocks.lines, self.blocks.aside = self.blocks.lines, lines, False
-        return found
+        found, self.blocks.lines = self.blocks.lines, lines
+        self.blocks.at, self.blocks.aside = here, None
+        return label, found, aside
 
     # ------------------------------------------------------------------ choices and loops
 

@@ -46,7 +46,7 @@ class Written(msgspec.Struct, frozen=True, kw_only=True):
     `original` program; `digest` of the text before the comments; of its language `fanuc`, how its control counts,
     `sinumerik` or `klartext`, as older programs keep it too; `files`, the subprograms that it called by name, so that
     it can be written out again; `parameters` of the controller, None where none were given; `tools` that were known;
-    `inches` says that both count in them.
+    `inches` says that both count in them; `version` is that of the controller, None where nobody said it.
     """
 
     original: bytes
@@ -58,6 +58,7 @@ class Written(msgspec.Struct, frozen=True, kw_only=True):
     parameters: dict[int, float] | None = None
     tools: dict[int, ToolShape] = {}
     inches: bool = False
+    version: tuple[int, ...] | None = None
 
     @property
     def language(self) -> Spoken:

@@ -103,6 +103,25 @@ def test_a_table_of_tools_gives_the_radius(file, tmp_path):
         ph.compensate(file, "stepper", tool_table=table, **how)
 
 
+def test_a_version_of_the_controller_decides_turning_cycles(file, tmp_path):
+    profile = b"o1 sub\nG0 X4\nG1 Z-3\nG2 X6 Z-5 R2\nG1 X7 Z-9\no1 endsub\n"
+    file.write_bytes(b"G21 G90 G18 G8 F100\nG0 X9 Z1\n" + profile + b"G71 Q1 D0.3 I0.8 R0.2\nM2\n")
+    how = {"dialect": "linuxcnc", "expand": True, "strategy": "none"}
+    out, newer = tmp_path / "out.ngc", tmp_path / "newer.ngc"
+    ph.compensate(file, "stepper", controller_version="2.9.2", **how).write(out)
+    ph.compensate(file, "stepper", controller_version="2.9.4", **how).write(newer)
+    assert out.read_bytes() != newer.read_bytes()
+    for one in (out, newer):
+        assert b"G71" not in one.read_bytes().split(b"undo 1/")[0]
+        assert ph.undo(one) == file.read_bytes()
+        assert ph.verify(file, one).ok
+    plain = ph.compensate(file, "stepper", **how)
+    assert "the turning cycle stays as it is" in plain.warnings[0]
+    assert b"G71 Q1" in plain.program()
+    with pytest.raises(InputError, match=r"--controller-version: not a version; expected 2\.9\.4; got two"):
+        ph.compensate(file, "stepper", controller_version="two", **how)
+
+
 def test_subprograms_and_macros_of_fanuc(file, tmp_path):
     text = "%\nO0001\nG21 G17 G90 F600.\nG0 X0 Y0\n#1=0\nWHILE[#1LT3]DO1\nM98 P2\n#1=#1+1\nEND1\nM30\n"
     file.write_text(text + "O0002\nG1 X[20.+#1]\nX0\nM99\n%\n")

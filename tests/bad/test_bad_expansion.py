@@ -14,7 +14,15 @@ UNUSED = "is for programs that are written out first; add --expand, or leave it 
 
 @pytest.mark.parametrize(
     ("option", "value"),
-    [("--parameters", "old.var"), ("--tool-table", "tool.tbl"), ("--subprograms", "."), ("--peck-clearance", "0.5")],
+    [
+        *(
+            ("--parameters", "old.var"),
+            ("--tool-table", "tool.tbl"),
+            ("--subprograms", "."),
+            ("--peck-clearance", "0.5"),
+        ),
+        ("--controller-version", "2.9.4"),
+    ],
 )
 @pytest.mark.parametrize("command", ["convert", "batch"])
 def test_without_expand_nothing_is_written(command, option, value, capsys, tmp_path):

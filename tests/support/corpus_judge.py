@@ -18,9 +18,11 @@ from ph_post.api.options import CompensateOptions
 from ph_post.errors import PhPostError
 from ph_post.files.storage import SourceBytes
 from ph_post.progress import no_progress
+from support.canon import RS274
 from support.canon_player import canon_moves
 from support.corpus import TOOLS, Entry, stepper
 from support.ideal_play import distances
+from support.interpreted import installed_version
 from support.lathe_player import is_lathe, lathe_moves
 from support.reference_player import BEGINS, Move, interpret, play
 from support.sinumerik_motions import Run as SiemensRun
@@ -110,7 +112,7 @@ def judge(entry: Entry) -> Judged:
         result = compensated(
             source,
             stepper(entry.dialect),
-            CompensateOptions(expand=True, tool_table=TOOLS),
+            CompensateOptions(expand=True, tool_table=TOOLS, controller_version=_version(entry.dialect)),
             "program",
             no_progress,
         )
@@ -128,6 +130,11 @@ def judge(entry: Entry) -> Judged:
         time = None
     found = Judged(outcome, *counts, time=time, restored=restored)
     return compare(found, entry.dialect, result.original.data, text)
+
+
+def _version(dialect: str | None) -> str | None:
+    """Return the version of the controller that plays a program, where versions differ."""
+    return ".".join(map(str, installed_version())) if dialect == "linuxcnc" and RS274 else None
 
 
 def compare(found: Judged, dialect: str, before: bytes, after: bytes) -> Judged:

@@ -8,6 +8,7 @@ import re
 import subprocess
 import tempfile
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 FULL = Path(__file__).with_name("full_canon.py")
@@ -48,6 +49,15 @@ def interpret(data: bytes, folders: tuple[Path, ...] = (), tools: str = _TOOLS) 
     lines = [match[1] for match in map(_CALL.match, shown.stdout.decode("utf-8", "replace").splitlines()) if match]
     calls = [one for one in lines if not one.startswith(("COMMENT", "ON_RESET"))]
     return Interpreted(found["calls"], calls, found["refusal"])
+
+
+@cache
+def installed_version() -> tuple[int, int, int]:
+    """Return the version of the LinuxCNC that is the reference."""
+    data = b"G21 G90\nG0 X[ROUND[#<_vmajor>*10]] Y[ROUND[#<_vminor>*10]]\nM2\n"
+    (found,) = (call for call in interpret(data).full if call[0] == "straight_traverse")
+    major, minor = (round(25.4 * value) for value in found[1:3])
+    return (major // 10, major % 10, minor)
 
 
 def difference(a: Interpreted, b: Interpreted) -> str:
