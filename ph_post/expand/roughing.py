@@ -113,6 +113,8 @@ class _Roughing:
             while at < len(pieces) and self._sinks(at, _DEEP):
                 at += 1
         step = max(self._words.step, 2.0 * NEAR)
+        if not (top - min(piece.end.imag for piece in pieces)) / step < _MOST_MOVES:
+            raise NotExpandableError(_UNENDING)
         while at < len(pieces):
             while is_below(self._at.imag, level - NEAR):
                 level -= step
@@ -244,7 +246,7 @@ class _Roughing:
     def _clean(self, piece: Piece) -> bool:
         """Go level to a piece that goes up, and follow it; False where it does not."""
         crossings = piece.crossings(self._at.imag)
-        if (not piece.turn and piece.end.imag < piece.start.imag) or not crossings:
+        if (not piece.turn and is_below(piece.end.imag, piece.start.imag)) or not crossings:
             return False
         middle, to = piece.center.real, piece.end
         begin = crossings[0] if piece.turn >= 0 else crossings[-1]

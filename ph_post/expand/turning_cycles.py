@@ -86,10 +86,8 @@ def turning_cycle(
         lift=words.get("r", 0.5),
         passes=round(passes),
     )
-    moves = [
-        TurningMove(0, begin),
-        *turning_moves(line.codes[0], read_profile(machine, profile, begin), read, machine.version),
-    ]
+    pieces = read_profile(machine, profile, begin)
+    moves = [TurningMove(0, begin), *turning_moves(line.codes[0], pieces, read, machine.version)]
     lines = [_text(machine, had, move, decimals) for had, move in zip([moves[0], *moves], moves, strict=False)]
     return TurningCycle(lines, moves[-1].end, 10 * moves[-1].motion)
 

@@ -67,6 +67,8 @@ CASES = {
     "another dialect of arcs": "G90.1\n" + HEAD.format("G3 X5 Z-1 I4 K-1\nG1 X6 Z-6\n") + "G72 X9 Z1 Q1 I0.3\n",
     "blocks of no length": HEAD.format("X4 Z0\nG2 X4 Z0 I1\nG1 X5 Z-5 F1 S3\n") + "G71 Q1\n",
     "a feed a turn": "S500 M3\nG95\n" + HEAD.format("X5 Z-6\n") + "G71 Q1 F0.2\n",
+    "increments behind it": HEAD.format("X5 Z-6\n") + "G71 Q1\nG91 G1 X1 Z1\nG90 G0 X[#<_x>+1]\n",
+    "in a loop": HEAD.format("X5 Z-6\n") + "o3 repeat [3]\nG71 Q1 X9 Z1 I[1+#100]\n#100=[#100+0.3]\no3 endrepeat\n",
     "work offsets": "G10 L2 P1 X5 Z7\nG92 X3 Z4\n" + HEAD.format("X5 Z-6\n") + "G71 Q1\nG92.1\nG0 X1 Z1\n",
 }
 
@@ -103,6 +105,7 @@ STANDING = [
     ("G71 Q1", "G0 X4 Z0\nG1 Z-4\nG2 X5 Z-5 R0.5\nX10", "does not reach its end"),
     ("G71 Q1", "G0 X4 Z0\nG1 Z-4\nG2 X5 Z-5.1 I1\nX10", "not as far from its centre"),
     ("G71 Q1", "G0 X4 Z0\nG1 Z-4\nX5 Z-3\nX10", "runs back"),
+    ("G71 Q1 I0.000001", PROFILE, "do not end"),
     ("G71 Q1", "G0 X4 Z0", "less than two moves"),
     ("G71 Q1 D0.2", "G0 X4 Z0\nG1 Z-4\nZ-5\nX10", "in one direction"),
     ("G71 Q1 D0.2", "G0 X4 Z0\nG1 Z-4\nX4.1\nX9 Z-7\nX10", "vanishes"),
