@@ -163,9 +163,12 @@ def check_profile(pieces: list[Piece]) -> None:
 
     Raises
     ------
-    RefusedProfileError
+    NotExpandableError
+        Where LinuxCNC refuses it, or leaves a piece out.
     """
     first = pieces[0]
+    if any(is_below(piece.size, _SLACK) for piece in pieces):
+        raise NotExpandableError("a profile of which LinuxCNC leaves a small piece out")
     if is_below(first.start.real, first.end.real):
         first.start = complex(first.end.real, first.start.imag)
     if not all(piece.runs_on for piece in pieces):
