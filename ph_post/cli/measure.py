@@ -101,6 +101,7 @@ def command(
       scale           by axis {value, stderr}: 1e-4 is 0.1 mm in a metre too far
       scale_mismatch  by pair, the first axis' scale less the second's
       ball_bar        a list of results by plane
+      warnings        what readings say that hardly a machine does
       file            where the machine file went, else null
     """
     import ph_post as ph
@@ -139,8 +140,7 @@ def command(
     else:
         for line in measurement_lines(found):
             click.echo(line, err=output == "-")
-    if output not in (None, "-"):
-        click.echo(f"wrote {output}", err=True)
+    options.report_written(found.warnings, [] if output is None else [output])
     return 0
 
 
@@ -154,7 +154,9 @@ def _given(
     rows = []
     for text in dial:
         axis, numbers = words_of(text, "--dial")
-        rows.append(dial_row(axis.upper(), numbers, scale, f"--dial {axis.upper()}"))
+        again = sum(row.axis == axis.upper() for row in rows)
+        where = f"--dial {axis.upper()}" + (f", row {again + 1}" if again else "")
+        rows.append(dial_row(axis.upper(), numbers, scale, where))
     widths = dict(words_of(text, "--cut") for text in cut)
     return _readings("the command line", rows, _widths(widths, sizes, scale, "--cut"), swing)
 

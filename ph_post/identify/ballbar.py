@@ -76,9 +76,10 @@ def read_arcs(traces: Sequence[BallBarTrace]) -> BallBarResult:
     Raises
     ------
     InputError
-        Where a lost motion comes out below 0: angle or direction are the other way; or where arcs contradict each
-        other.
+        Where a lost motion comes out below 0: angle or direction are the other way; where arcs contradict each
+        other; or where one is given twice.
     """
+    _check_once(traces)
     angle = np.concatenate([one.angle for one in traces])
     turn = np.concatenate([np.full(one.angle.size, one.turn) for one in traces])
     radius = np.concatenate([one.radius for one in traces])
@@ -117,6 +118,15 @@ def read_arcs(traces: Sequence[BallBarTrace]) -> BallBarResult:
         radius=typical if base is None else typical + base.value,
         scatter=fit.scatter,
     )
+
+
+def _check_once(traces: Sequence[BallBarTrace]) -> None:
+    """Refuse an arc that is there twice: it would count as measured again, and be surer than it is."""
+    for first, second in combinations(traces, 2):
+        alike = np.array_equal(first.radius, second.radius) and np.array_equal(first.angle, second.angle)
+        if alike and first.turn == second.turn:
+            what = f"holds the same readings as {first.name}" if first.name != second.name else "the arc is given twice"
+            raise InputError(second.name, what, expected="each arc once, and the one in the other direction beside it")
 
 
 def _check_alike(traces: Sequence[BallBarTrace], used: BoolArray, rows: Array, right: Array) -> None:

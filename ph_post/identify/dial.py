@@ -215,21 +215,31 @@ def _check_ways(rows: Sequence[DialRow], lost: Array) -> None:
 
 
 def _check_same_places(rows: Sequence[DialRow], lost: Array) -> None:
-    """Refuse rows of one place whose lost motions differ by more than readings scatter that were taken again."""
+    """Refuse rows of one place whose lost motions differ by more than readings scatter that were taken again.
+
+    Rows without a place count as one: their mean would be as sure as their readings, wherever they were taken.
+    """
     scatter, freedom = _scatter(rows, lost)
     if freedom == 0 or all(len(row.readings) == len(STEPS) for row in rows):
         return
     scatter = max(scatter, _grain(rows) / math.sqrt(12.0))
-    pairs = [pair for group in _by_place(rows, lost).values() for pair in combinations(group, 2)]
+    nowhere = [(row, one) for row, one in zip(rows, lost.tolist(), strict=True) if row.place is None]
+    pairs = [pair for group in (*_by_place(rows, lost).values(), nowhere) for pair in combinations(group, 2)]
     most = _times(freedom, max(len(pairs), 1))
     for (one, first), (other, second) in pairs:
         error = scatter * math.sqrt(sum(1.0 / side.size for row in (one, other) for side in _sides(row)))
         limit = most * error + NEAR
         if abs(first - second) > limit:
             first_row = one.where.rpartition(": ")[2]
-            what = f"its lost motion contradicts that of {first_row}, at the same place of {one.axis}"
+            where = (
+                f"at the same place of {one.axis}" if one.place is not None else f"and no place of {one.axis} is given"
+            )
+            what = f"its lost motion contradicts that of {first_row}, {where}"
             within = f"within {limit / MM:.2g} mm, by how far readings scatter"
-            expected = f"{within}: read both again, or leave the wrong one out"
+            again = "read both again, or leave the wrong one out"
+            if one.place is None:
+                again = f"place_mm of each row of a file where it differs along the axis, else {again}"
+            expected = f"{within}: {again}"
             raise InputError(other.where, what, expected=expected, got=f"{_mm(first)} and {_mm(second)}")
 
 

@@ -31,6 +31,10 @@ _BESIDE: Final = 10.0 * MICROMETRE
 _BESIDE_ANGLE: Final = 2e-4
 """Angle [rad] that a worn machine may have between one place and another."""
 
+_PLAUSIBLE_SCALE: Final = 3e-3
+"""Scale error of an axis that a worn screw or a stretched belt has at most: rolled screws are within 0.7 mm in a metre
+(ISO 3408, class 10)."""
+
 _MOST_RELATIVE: Final = 0.95
 _DIGITS: Final = 4
 """Decimals of a lost motion in mm: a tenth of a micrometre."""
@@ -55,7 +59,8 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     """What readings by hand say; `machine` has the lost motions and their uncertainties.
 
     `squareness` [rad] by pair of axes, what their angle lacks of 90°; `scale` by axis, the excess of the way made
-    over the way commanded; `mismatch` by pair, the first axis' scale error less the second's.
+    over the way commanded; `mismatch` by pair, the first axis' scale error less the second's. `warnings` name what
+    readings say that hardly a machine does.
     """
 
     readings: str
@@ -67,6 +72,7 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     cut: CutResult | None
     ball_bar: tuple[BallBarResult, ...]
     machine: Machine
+    warnings: tuple[str, ...] = ()
 
 
 def measure_machine(readings: Readings, machine: Machine) -> Measurement:
@@ -102,17 +108,30 @@ def measure_machine(readings: Readings, machine: Machine) -> Measurement:
     }
     changed = {axis: _changed(machine.axes[axis], one) for axis, one in axes.items() if not one.note}
     square, mismatch = _pairs(cut, bars, readings.name)
+    scale = {} if cut is None else cut.scale
     return Measurement(
         readings=readings.name,
         axes=axes,
         squareness=square,
-        scale={} if cut is None else cut.scale,
+        scale=scale,
         mismatch=mismatch,
         dial=dial,
         cut=cut,
         ball_bar=bars,
         machine=replace(machine, axes={**machine.axes, **changed}),
+        warnings=tuple(_implausible(scale, mismatch)),
     )
+
+
+def _implausible(scale: Mapping[str, Sure], mismatch: Mapping[tuple[str, str], Sure]) -> Iterator[str]:
+    """Yield a warning for each scale that is farther off than screws and belts are."""
+    off = [(f"the scale of {axis} is", one) for axis, one in scale.items()]
+    off += [(f"the scales of {' and '.join(pair)} differ by", one) for pair, one in mismatch.items()]
+    for what, one in off:
+        if abs(one.value) > _PLAUSIBLE_SCALE + 2.0 * one.error:
+            limit = f"more than {_PLAUSIBLE_SCALE / MM:g} mm/m, which no screw or belt is off"
+            causes = "look whether steps per mm are right, and whether a width is that of another shape"
+            yield f"{what} {slope_words(one)}: {limit}; {causes}"
 
 
 def _check_axes(readings: Readings, machine: Machine) -> None:

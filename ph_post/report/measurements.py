@@ -157,6 +157,7 @@ def measurement_view(found: HandMeasurement) -> dict[str, Any]:
             }
             for bar in found.ball_bar
         ],
+        "warnings": list(found.warnings),
     }
 
 

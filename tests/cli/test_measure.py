@@ -63,6 +63,21 @@ def test_an_inch_dial_is_an_inch_dial(capsys):
     assert json.loads(out)["axes"]["X"]["lost_motion"]["value"] == pytest.approx(0.0312, abs=2e-3)
 
 
+def test_scales_that_no_screw_has_are_warned_of(capsys):
+    widths = {"x": 0.17, "y": 0.0}
+    cut = [
+        f"{shape}.{name} {base + wide:.2f} {base + wide + 0.01:.2f}"
+        for shape, base in (("square_inside", 29.95), ("square_outside", 30.05))
+        for name, wide in widths.items()
+    ]
+    given = [word for one in cut for word in ("--cut", one)]
+    status, out, err = run(capsys, *MEASURE, "-m", "router", *given, "--size", "30", "--tool", "6", "--json")
+    assert status == 0
+    (warning,) = json.loads(out)["warnings"]
+    assert warning.startswith("the scales of X and Y differ by +4.7")
+    assert f"warning: {warning}" in err
+
+
 def test_readings_are_asked_for_where_none_are_given(capsys, monkeypatch):
     answered(monkeypatch, "0 0.501 0.031 0.001 0.030", "0, 0.499, 0.033, -0.001, 0.031", "", "", "", "")
     status, out, _ = run(capsys, *MEASURE, "-m", "router", "-o", "-")

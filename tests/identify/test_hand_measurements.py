@@ -133,6 +133,37 @@ def test_two_readings_that_no_dial_scatters_by_are_refused_without_others_beside
     assert "from plus, 0.031 mm contradicts 0.161 mm, read there again" in capsys.readouterr().err
 
 
+def test_rows_without_a_place_that_are_of_one_machine_are_taken(tmp_path):
+    file = tmp_path / "readings.toml"
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        text = hand_trials.readings(hand_trials.draw(random, worn=False), random, Shop())
+        file.write_text("\n".join(line for line in text.splitlines() if "place_mm" not in line))
+        assert set(ph.measure(file, "stepper").axes) == {"X", "Y"}
+
+
+def test_rows_without_a_place_and_without_repeats_are_as_unsure_as_they_are_apart(tmp_path):
+    """Nobody says whether the machine is worn or a reading is wrong: the error holds both lost motions."""
+    file = tmp_path / "readings.toml"
+    file.write_text('dial = [{axis = "X", readings = [0, 0.5, 0.03]}, {axis = "X", readings = [0, 0.5, 0.121]}]')
+    lost = ph.measure(file, "stepper").axes["X"].lost_motion
+    assert abs(lost.value / MM - 0.0755) < 1e-4
+    assert lost.error / MM > 0.045
+
+
+@pytest.mark.parametrize(("off", "warned"), [(1e-3, 0), (5.6e-3, 2)])
+def test_scales_that_no_screw_has_come_with_a_warning(tmp_path, off, warned):
+    machine = HandMachine(play={"X": 0.05, "Y": 0.05}, scale={"X": off})
+    file = tmp_path / "readings.toml"
+    shop = Shop(calipers=0.01)
+    file.write_text(hand_trials.readings(machine, np.random.default_rng(1), shop, dial=False, cut=True))
+    warnings = ph.measure(file, "stepper").warnings
+    assert len(warnings) == warned
+    if warned:
+        assert warnings[0].startswith("the scale of X is +5.")
+        assert warnings[1].startswith("the scales of X and Y differ by +5.")
+
+
 def test_a_cut_shows_squareness_and_scale_beside_the_lost_motion(tmp_path):
     errors = measure_many(tmp_path, 8, Shop(), cut=True)
     assert share_within(errors["lost motion"], 0.010) == 1.0
@@ -257,6 +288,20 @@ def test_arcs_of_two_machines_are_refused_by_their_lost_motions(tmp_path):
         write_arcs(files[-1], [ball_bar(machine, 100.0, turn, 360, (0.0, 0.0), (0.0, 0.0))], 0.002, 1)
     with pytest.raises(ph.InputError, match=r"the lost motion of X contradicts that by .*1\.csv"):
         ph.measure(None, "stepper", ball_bar=files)
+
+
+def test_an_arc_that_is_given_twice_is_refused(tmp_path):
+    """Twice as many readings would make the machine surer by √2 than one arc does."""
+    machine, lag = bar_machine(2)
+    one, copy = tmp_path / "one.csv", tmp_path / "copy.csv"
+    write_arcs(one, [ball_bar(machine, 100.0, 1, 360, lag, (0.0, 0.0))], 0.001, 0)
+    copy.write_text(one.read_text())
+    with pytest.raises(ph.InputError, match=r"one\.csv: the arc is given twice"):
+        ph.measure(None, "stepper", ball_bar=[one, one])
+    with pytest.raises(ph.InputError, match=r"copy\.csv: holds the same readings as .*one\.csv"):
+        ph.measure(None, "stepper", ball_bar=[one, copy])
+    write_arcs(copy, [ball_bar(machine, 100.0, 1, 360, lag, (0.0, 0.0))], 0.001, 1)
+    assert ph.measure(None, "stepper", ball_bar=[one, copy]).ball_bar[0].lost_motion[0] is not None
 
 
 def test_a_cut_and_a_ball_bar_that_disagree_are_refused(tmp_path):
