@@ -18,6 +18,12 @@ from ph_post.diagnose.fit import FittedModel, Model, ModelPart, base_model, fit_
 from ph_post.diagnose.hypotheses import hypotheses
 from ph_post.diagnose.hypotheses.base import Hypothesis, Numbers
 from ph_post.diagnose.hypotheses.drives import BACKLASH, FILTERS, far_servo, numbers_to
+from ph_post.diagnose.hypotheses.forces import (
+    CUTTING_BY_FEED,
+    CUTTING_NEARLY_VISCOUS,
+    NEARLY_BY_SPEED,
+    REFERENCE_FEED,
+)
 from ph_post.diagnose.search import (
     BENT,
     PRICE,
@@ -392,6 +398,8 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
         if explains(problem, less, one[1]) and not (alone and one[0].label == part.hypothesis.label)
     ]
     others += [one for one in _as_late(problem, last, number) if explains(problem, less, one[1])]
+    cutting = _as_cutting(problem, last, number)
+    others += [one for one in cutting if one[0] is CUTTING_BY_FEED]
     ranking = rank(problem, less, [(part.hypothesis, last), *others])
     mine = next(one.score for one in ranking if one.fitted is last)
     best = _simplest(problem, ranking)
@@ -402,6 +410,11 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
         if one.hypothesis.label != part.hypothesis.label and part.hypothesis.name not in one.hypothesis.within
     ]
     margin = _margin(problem, last, mine)
+    nearly = next((fitted for one, fitted in cutting if one is CUTTING_NEARLY_VISCOUS), None)
+    if nearly is not None and gain_over(problem, last, nearly) > -margin * correlation_inflation(
+        problem, last.left, problem.held
+    ):
+        equal = tuple(dict.fromkeys((*equal, CUTTING_NEARLY_VISCOUS.name)))
     kinds = [
         one.fitted.model.parts[-1]
         for one in ranking
@@ -436,6 +449,20 @@ def _as_late(problem: AxisProblem, last: FittedModel, number: int) -> list[tuple
         start = min(tried, key=lambda model: position_rms(problem, residuals_of(problem, model), problem.fit))
         found.append((one, fit_model(problem, start, problem.fit)))
     return found
+
+
+def _as_cutting(problem: AxisProblem, last: FittedModel, number: int) -> list[tuple[Hypothesis, FittedModel]]:
+    """Fit in the place of a viscous friction the cutting forces that come near it, from one as large.
+
+    Where the friction leaves no structure, the search has not tried what contains it.
+    """
+    part = last.model.parts[number]
+    there = {one.hypothesis.name for one in last.model.parts}
+    if part.hypothesis.name != "viscous_friction" or CUTTING_BY_FEED.name in there or CUTTING_BY_FEED.bars(problem):
+        return []
+    less, force = without_part(last.model, number), part.numbers[0] * REFERENCE_FEED
+    starts = ((CUTTING_BY_FEED, (force, NEARLY_BY_SPEED)), (CUTTING_NEARLY_VISCOUS, (force,)))
+    return [(one, fit_model(problem, with_part(less, one, numbers), problem.fit)) for one, numbers in starts]
 
 
 def _smear(part: ModelPart) -> float:

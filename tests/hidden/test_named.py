@@ -113,3 +113,9 @@ def test_a_filter_is_not_taken_for_a_delay_where_the_table_hunts_in_its_backlash
 def test_what_is_not_needed_beside_a_better_name_is_taken_out() -> None:
     """Behind the Stribeck friction in its place a second name had stood on as a backlash that explained nothing."""
     is_named_and_sized("stribeck_friction", "act", "motor", 3005)
+
+
+@pytest.mark.slow
+def test_a_cutting_force_that_viscous_friction_explains_to_the_noise_is_named_where_it_explains_more() -> None:
+    """Of an exponent of 0.9993, and 2.9 noise floors: only that it goes by the path's speed tells it from friction."""
+    is_named_and_sized("cutting_force", "act+force", "cascade-load", 3003)

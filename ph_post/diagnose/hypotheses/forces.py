@@ -213,6 +213,19 @@ CUTTING_BY_FEED = replace(
     starts=lambda _problem, _left: [(GUESS, 0.7)],
 )
 
+NEARLY_BY_SPEED: Final = 0.9
+"""Exponent up to which cutting forces are told from viscous friction, which is one of exponent 1: those of steel and
+aluminium have 0.7 to 0.9."""
+
+CUTTING_NEARLY_VISCOUS = effect_hypothesis(
+    "cutting_force",
+    lambda force: {"force": force, "feed": REFERENCE_FEED, "exponent": NEARLY_BY_SPEED},
+    variant="nearly viscous",
+    numbers=CUTTING.numbers,
+    starts=CUTTING.starts,
+    bars=_one_axis,
+)
+
 
 def force_hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:
     """Hypotheses about forces on one axis."""
