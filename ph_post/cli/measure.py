@@ -151,7 +151,7 @@ def _given(
     from ph_post.files.readings import UNITS, dial_row, words_of
 
     scale = UNITS[unit or "mm"]
-    rows = []
+    rows: list[DialRow] = []
     for text in dial:
         axis, numbers = words_of(text, "--dial")
         again = sum(row.axis == axis.upper() for row in rows)

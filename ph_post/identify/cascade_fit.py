@@ -154,10 +154,18 @@ def gains_of(plant: Plant) -> tuple[str, ...]:
 
 
 def _tried(problem: AxisProblem) -> list[Plant]:
-    """Return cascades without backlash that are tried first, that of the file among them."""
-    bare = replace(problem.plant, gap=0.0, ki=0.0, kd=0.0)
+    """Return cascades that are tried first, that of the file among them: without backlash, or with one that is held."""
+    bare = replace(problem.plant, gap=_held_gap(problem), ki=0.0, kd=0.0)
     tried = [_with_gains(bare, *one) for one in product(POSITION_GAINS, WEIGHTS, RATES)]
     return tried if bare.cascade is None else [bare, *tried]
+
+
+def _held_gap(problem: AxisProblem) -> float:
+    """Return the backlash of the file where the log is read with it and cannot show another [m].
+
+    In a position of unknown side it shows where that was read behind it; without it, friction would be fitted for it.
+    """
+    return problem.plant.gap if problem.side == "unknown" and not problem.plant.loop.encloses_backlash else 0.0
 
 
 def fit_cascade(problem: AxisProblem) -> DriveFit | None:
@@ -286,7 +294,7 @@ def _with_friction(problem: AxisProblem, plain: DriveFit, hidden: bool) -> Drive
 def _rubbing(problem: AxisProblem, gaps: Sequence[float]) -> DriveFit:
     """Fit gains and friction, and backlash where one of `gaps` is, from the best that is tried of two K_v."""
     tried = [
-        replace(one, gap=gap, coulomb_plus=size, coulomb_minus=size)
+        replace(one, gap=gap or one.gap, coulomb_plus=size, coulomb_minus=size)
         for one, gap, size in product(_tried(problem), gaps, FRICTIONS)
     ]
     best = _best_of_two(problem, tried, ("friction", *(("gap",) if any(gaps) else ())))

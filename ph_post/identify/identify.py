@@ -49,7 +49,7 @@ from ph_post.identify.estimates import (
     shown_names,
 )
 from ph_post.identify.excerpt import excerpt
-from ph_post.identify.free_run import PRIOR, AxisProblem, problem_of, residuals
+from ph_post.identify.free_run import PRIOR, AxisProblem, problem_of, residuals, with_known_side
 from ph_post.identify.linear_drive import servo_memory, settling_time
 from ph_post.identify.log_quality import examine
 from ph_post.identify.machinefile import require_writable
@@ -113,6 +113,8 @@ def identify(
         problem = problem_of(log, name, axes[name], quality) if name in axes else None
         if problem is None:
             continue
+        if machine is not None:
+            problem = with_known_side(problem)
         progress(f"identifying {name}")
         with threadpool_limits(limits=1, user_api="blas"):  # matrices of few columns
             drives[name], axes[name] = _identify_axis(problem, axis_log, quality, draft, machine is not None)

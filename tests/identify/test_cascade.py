@@ -21,7 +21,9 @@ from ph_post.types.diagnosis import Estimate
 from tests.support.cascade_records import NOISE, WAYS, log_of, machine_of, moves, record
 from tests.support.identifying import Recorder, to_and_fro
 from tests.support.plants.axis import Plant
+from tests.support.plants.score import left_by_identify
 from tests.support.plants.sizes import with_effect
+from tests.support.plants.trials import Trial
 
 CASES = [
     (0.0, 0.0, "motor"),
@@ -217,3 +219,10 @@ def test_a_loop_without_inertia_is_no_quicker_than_a_log_tells() -> None:
     log = recorder.log(command, {"motor": motor, "act": motor, "force": 0.0 * motor}, 1.0)
     servo = identify(log, feedback={"X": "motor"}).machine.axes["X"].servo
     assert servo.b / servo.c > 0.04 * log.period  # of a cascade 1/ω_v
+
+
+@pytest.mark.slow
+def test_a_position_of_unknown_side_is_read_behind_the_backlash_of_the_file() -> None:
+    """Nothing is missing there; without that backlash 33 times the noise would be left."""
+    (left,) = left_by_identify(Trial("nothing", (), ("unknown",), "cascade", 5002).case(None), with_file=True)
+    assert left < 1.05
