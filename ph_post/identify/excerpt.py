@@ -38,7 +38,8 @@ STARTS: Final = 6.0
 """Times as long as a model takes to settle that a window is at least."""
 
 FINEST: Final = 1.0 * MS
-"""Samples closer together than that are not needed by any drive, and every second, third, … is taken [s]."""
+"""Samples closer together than that hardly any drive needs, and of a log that has too many of them every second, third, …
+is taken [s]. Those that are left tell short filters of the command from delays."""
 
 A_MEMORY: Final = 4.0
 """Samples that a servo time constant keeps all the same."""
@@ -97,7 +98,7 @@ def excerpt(log: Log, machine: Machine, most: int = MOST) -> Log:
     most = min(most, 2 * most // parts_between(log.period))
     if log.t.size <= most:
         return log
-    step = _every(log, machine)
+    step = min(_every(log, machine), math.ceil(log.t.size / most))
     if step > 1:
         log = _thinned(log, step)
     if log.t.size <= most:

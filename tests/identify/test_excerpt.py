@@ -76,6 +76,16 @@ def test_a_short_log_is_taken_whole() -> None:
     assert excerpt(log, MACHINE) is log
 
 
+def test_of_quick_rows_as_many_are_taken_as_there_may_be() -> None:
+    """Filters of the command are told from delays by rows closer together than those of a drive."""
+    log = logged(9.0, 1e-4)
+    short = excerpt(log, MACHINE)
+    assert short.period == pytest.approx(3e-4)
+    assert short.t.size == MOST
+    assert np.array_equal(short.axes["X"].command, log.axes["X"].command[::3])
+    assert short.counted is None
+
+
 @pytest.mark.parametrize("period", [1e-3, 5e-4])
 @pytest.mark.thinned(8)
 def test_an_excerpt_shows_what_is_rare_and_is_no_longer_than_it_may(period: float) -> None:
