@@ -38,8 +38,8 @@ STARTS: Final = 6.0
 """Times as long as a model takes to settle that a window is at least."""
 
 FINEST: Final = 1.0 * MS
-"""Samples closer together than that hardly any drive needs, and of a log that has too many of them every second, third, …
-is taken [s]. Those that are left tell short filters of the command from delays."""
+"""Samples closer together than that hardly any drive needs, and of a log that has too many every second, third, … is
+taken [s]. Those that are left tell short filters of the command from delays."""
 
 A_MEMORY: Final = 4.0
 """Samples that a servo time constant keeps all the same."""
