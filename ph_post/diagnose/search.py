@@ -231,8 +231,14 @@ def starting_models(ground: Linearization, hypothesis: Hypothesis) -> list[Start
     bases = [(fitted, ground.rows)]
     if linear and max(map(abs, fitted.off), default=0.0) > BENT:
         bases.append((at_file(fitted), _rows(ground, at_file(fitted))))
+    starts = list(hypothesis.starts(ground.problem, ground.fitted.left))
+    if any(
+        prior.field in hypothesis.replaces and abs(x) > BENT for prior, x in zip(fitted.priors, fitted.off, strict=True)
+    ):
+        # Such a value has taken most of what the file is off by, and is the file's again beside the part.
+        starts += hypothesis.starts(ground.problem, residuals_of(ground.problem, at_file(fitted)))
     found: list[StartingModel] = []
-    for start in hypothesis.starts(ground.problem, ground.fitted.left):
+    for start in dict.fromkeys(starts):
         if linear:
             made = [_scaled(ground, with_part(base, hypothesis, start), linear, rows) for base, rows in bases]
         else:

@@ -119,3 +119,13 @@ def test_what_is_not_needed_beside_a_better_name_is_taken_out() -> None:
 def test_a_cutting_force_that_viscous_friction_explains_to_the_noise_is_named_where_it_explains_more() -> None:
     """Of an exponent of 0.9993, and 2.9 noise floors: only that it goes by the path's speed tells it from friction."""
     is_named_and_sized("cutting_force", "act+force", "cascade-load", 3003)
+
+
+@pytest.mark.slow
+def test_a_backlash_a_tenth_below_that_of_the_file_is_sized() -> None:
+    """Its base value gives way by 6 %, which is the end of its reach, and hid where the rest is to be looked for."""
+    result = diagnosed("single", ["backlash"], "unknown", "cascade", 1002)
+    assert result["verdict"] == "ambiguous"
+    assert result["findings"][0]["ambiguous_with"] == ["coulomb_friction"]
+    assert near(result)
+    assert quiet(result)
