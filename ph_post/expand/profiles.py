@@ -21,6 +21,9 @@ NEAR: Final = 1e-6
 _UNSURE: Final = 1e-9
 """Below this the last digits decide, which are not those of the controller."""
 
+_ALIKE: Final = 1e-7
+"""How far from each other two crossings may be for one to stand for the other."""
+
 _SLACK: Final = 1e-3
 """How far a profile may run backwards, and the length below which LinuxCNC leaves a piece out."""
 
@@ -58,12 +61,18 @@ def _is_surely_below(a: float, b: float) -> bool:
 
 
 class Piece(msgspec.Struct):
-    """A line, or an arc about its `center`, of which `turn` is 1 counterclockwise (from z to x) and -1 clockwise."""
+    """A line, or an arc about its `center`, of which `turn` is 1 counterclockwise (from z to x) and -1 clockwise.
+
+    A corner that is still to be finished has a `finish`: the radius that rounds it where it `rounds`, or how far the
+    line that breaks it lies inside.
+    """
 
     start: complex
     end: complex
     center: complex = 0j
     turn: int = 0
+    finish: float = 0.0
+    rounds: bool = False
 
     @property
     def radius(self) -> float:
@@ -148,7 +157,12 @@ class Frame(msgspec.Struct):
     def pieces(self, pieces: list[Piece]) -> list[Piece]:
         """Return a profile of the program in the frame."""
         into = self.into
-        return [Piece(into(one.start), into(one.end), into(one.center), self.sense(one.turn)) for one in pieces]
+        return [
+            msgspec.structs.replace(
+                one, start=into(one.start), end=into(one.end), center=into(one.center), turn=self.sense(one.turn)
+            )
+            for one in pieces
+        ]
 
 
 def frame_of(pieces: list[Piece], *, turned: bool) -> Frame:
@@ -159,13 +173,14 @@ def frame_of(pieces: list[Piece], *, turned: bool) -> Frame:
 
 
 def check_profile(pieces: list[Piece]) -> None:
-    """Begin a profile above its first point, and refuse one that runs back.
+    """Finish the corners of a profile, begin it above its first point, and refuse one that runs back.
 
     Raises
     ------
     NotExpandableError
         Where LinuxCNC refuses it, or leaves a piece out.
     """
+    _finish(pieces)
     first = pieces[0]
     if any(is_below(piece.size, _SLACK) for piece in pieces):
         raise NotExpandableError("a profile of which LinuxCNC leaves a small piece out")
@@ -173,6 +188,44 @@ def check_profile(pieces: list[Piece]) -> None:
         first.start = complex(first.end.real, first.start.imag)
     if not all(piece.runs_on for piece in pieces):
         raise RefusedProfileError("a profile that runs back, which LinuxCNC refuses")
+
+
+def _finish(pieces: list[Piece]) -> None:
+    """Round and break the corners that are to be."""
+    for index, corner in enumerate(pieces):
+        if not corner.finish:
+            continue
+        if index in (0, len(pieces) - 1):
+            raise NotExpandableError("a corner at the end of a profile")
+        before, after = pieces[index - 1], pieces[index + 1]
+        one, other = _shifted(before, after, corner.finish)
+        inside = corner.finish
+        if is_below(_GAP, (one.end - other.start).real):
+            inside = -inside
+            one, other = _shifted(before, after, inside)
+            if is_below(_GAP, (one.end - other.start).real):
+                raise RefusedProfileError("a corner that LinuxCNC cannot finish")
+        _join(one, other)
+        corner.center = (one.end + other.start) / 2.0
+        for piece in (one, other):
+            _check_size(piece)
+            piece.shift(-inside)
+        corner.start = before.end = one.end
+        corner.end = after.start = other.start
+        if corner.rounds:
+            above = any(is_below(0.0, (end - corner.center).imag) for end in (corner.start, corner.end))
+            corner.turn = 1 if above else -1
+        corner.finish = 0.0
+
+
+def _shifted(one: Piece, after: Piece, distance: float) -> list[Piece]:
+    found = [msgspec.structs.replace(piece) for piece in (one, after)]
+    for piece in found:
+        if piece.turn and is_below(piece.radius, 2.0 * abs(distance)):
+            raise NotExpandableError("a corner at an arc that is small beside what it is finished with")
+        _check_size(piece)
+        piece.shift(distance)
+    return found
 
 
 def allow(pieces: list[Piece], distance: float) -> None:
@@ -261,6 +314,8 @@ def _crossing_of_both(line: Piece, arc: Piece, near: complex) -> complex:
     to = (arc.center - line.start) * unit.conjugate()
     half = math.sqrt(max(abs(arc.end - arc.center) ** 2 - to.imag**2, 0.0))
     one, other = (line.start + unit * (to.real + sign * half) for sign in (1.0, -1.0))
+    if half < _ALIKE:
+        return one
     return one if _is_surely_below(abs(near - one), abs(near - other)) else other
 
 

@@ -235,18 +235,23 @@ class _Roughing:
         """Follow what goes up of a profile, and pass over its pockets."""
         doubt = False
         for piece in pieces:
+            begins = is_below(abs(self._at - piece.start), NEAR)
             followed = self._clean(piece)
-            if not piece.turn and abs((piece.end - piece.start).imag) < NEAR:
-                doubt = self._words.allowance != 0.0  # which way a level line goes then is a matter of rounding
-            elif followed:
-                doubt = False
+            if self._words.allowance and not piece.turn and abs((piece.end - piece.start).imag) < NEAR:
+                # Rounding decides whether a level line counts as one that falls, and is gone along with the next piece.
+                doubt = True
+                if begins:
+                    continue
+            if doubt and not (followed and begins):
+                break
+            doubt = False
         if doubt:
-            raise NotExpandableError("a profile that ends level, with an allowance")
+            raise NotExpandableError("a level line of the profile before or behind a pocket, with an allowance")
 
     def _clean(self, piece: Piece) -> bool:
         """Go level to a piece that goes up, and follow it; False where it does not."""
         crossings = piece.crossings(self._at.imag)
-        if (not piece.turn and is_below(piece.end.imag, piece.start.imag)) or not crossings:
+        if (not piece.turn and piece.end.imag < piece.start.imag) or not crossings:
             return False
         middle, to = piece.center.real, piece.end
         begin = crossings[0] if piece.turn >= 0 else crossings[-1]

@@ -20,8 +20,8 @@ _FINISHING: Final = set("xzqdepfs")
 _ROUGHING: Final = set("xzqdirfs")
 """Words of a cycle's line; by U and W LinuxCNC moves axes besides."""
 
-_PROFILE: Final = set("xzikrfs")
-"""Words of a block of the profile; A and C round and break corners, and U and W are increments."""
+_PROFILE: Final = set("xzikrfsac")
+"""Words of a block of the profile: A and C round and break corners. By U and W LinuxCNC goes in increments."""
 
 _MOTIONS: Final = (0, 10, 20, 30)
 _UNLIKE: Final = {210: 1e-3, 200: 4e-5, 0: 4e-5}
@@ -115,7 +115,17 @@ def read_profile(machine: MachineState, blocks: list[ProfileBlock], begin: compl
         turn = {20: -1, 30: 1}.get(motion, 0)
         pieces.append(Piece(at, to, _center(machine, at, to, turn, words) if turn else 0j, turn))
         at = to
+        if "a" in words or "c" in words:
+            pieces.append(_corner(at, words))
     return pieces
+
+
+def _corner(at: complex, words: dict[str, float]) -> Piece:
+    """Return a corner that is to be rounded by A, or broken by C."""
+    finish = words.get("a", words.get("c", 0.0))
+    if ("a" in words and "c" in words) or not finish > 0.0:
+        raise NotExpandableError("A and C together, or not above 0, in the profile of a turning cycle")
+    return Piece(at, at, finish=finish, rounds="a" in words)
 
 
 def _center(machine: MachineState, start: complex, end: complex, turn: int, words: dict[str, float]) -> complex:

@@ -76,8 +76,9 @@ def _written(
     def xz(place: complex) -> str:
         return f"X{place.imag * factor:.9f} Z{place.real:.9f}"
 
+    corners = draw.random() < 0.3
     lines, at = [], begin
-    for kind, end, center in pieces:
+    for number, (kind, end, center) in enumerate(pieces):
         if kind < 2:
             lines.append(f"G{kind} {xz(end)}")
         else:
@@ -86,6 +87,8 @@ def _written(
             by_radius = draw.random() < 0.2 and abs(end - at) < 1.9 * abs(at - center)
             how = f"R{abs(at - center):.9f}" if by_radius else f"I{to.imag:.9f} K{to.real:.9f}"
             lines.append(f"G{sense} {xz(end)} {how}")
+        if corners and number < len(pieces) - 1 and draw.random() < 0.4:
+            lines[-1] += f" {draw.choice('AC')}{draw.choice((0.1, 0.3, 0.5))}"
         at = end
     words = [cycle, "Q100"]
     if draw.random() < 0.5:
