@@ -24,6 +24,10 @@ _UNSURE: Final = 1e-9
 _ALIKE: Final = 1e-7
 """How far from each other two crossings may be for one to stand for the other."""
 
+_TANGENT: Final = 1e-3
+_LEVEL: Final = 1e-6
+"""Sines of the angle between two arcs, and of that to a level line, below which rounding decides which goes up."""
+
 _SLACK: Final = 1e-3
 """How far a profile may run backwards, and the length below which LinuxCNC leaves a piece out."""
 
@@ -327,4 +331,8 @@ def _crossing_of_arcs(one: Piece, after: Piece) -> complex:
         raise NotExpandableError("an allowance of two arcs about one centre")
     cosine = (apart * apart + radius * radius - other * other) / 2.0 / apart / radius
     sine = math.sqrt(1.0 - min(cosine * cosine, 1.0))
-    return complex(cosine, sine) * way / apart * radius + after.center
+    place = complex(cosine, sine) * way / apart * radius + after.center
+    level = min(abs((place - piece.center).real) / piece.radius for piece in (one, after))
+    if sine < _TANGENT and level < _LEVEL:  # the place is known to the root of the last digit
+        raise NotExpandableError("an allowance of two arcs of which one goes on level as the other")
+    return place

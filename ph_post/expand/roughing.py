@@ -246,7 +246,7 @@ class _Roughing:
                 break
             doubt = False
         if doubt:
-            raise NotExpandableError("a level line of the profile before or behind a pocket, with an allowance")
+            raise NotExpandableError("a level line at the end of the profile or beside a pocket, with an allowance")
 
     def _clean(self, piece: Piece) -> bool:
         """Go level to a piece that goes up, and follow it; False where it does not."""

@@ -110,7 +110,7 @@ STANDING = [
     ("G71 Q1", "G0 X4 Z0\nG1 Z-4\nG2 X5 Z-5.1 I1\nX10", "not as far from its centre"),
     ("G71 Q1", "G0 X4 Z0\nG1 Z-4\nX5 Z-3\nX10", "runs back"),
     ("G71 Q1", "G0 X4 Z0\nG1 Z-4\nX4.0009\nX9 Z-7\nX10", "a small piece"),
-    ("G71.1 Q1 D0.5", "G0 X4 Z0\nG1 Z-1\nX5\nZ-3\nX4 Z-4\nX6 Z-5\nX9", "a level line"),
+    ("G71.1 Q1 D0.5", "G0 X4 Z0\nG1 Z-1\nX9.5 Z-5\nZ-7", "a level line"),
     ("G71 Q1 I0.000001", PROFILE, "do not end"),
     ("G71 Q1", "G0 X4 Z0", "less than two moves"),
     ("G71 Q1 D0.2", "G0 X4 Z0\nG1 Z-4\nZ-5\nX10", "in one direction"),
