@@ -46,6 +46,8 @@ _POWERS = 10.0 ** np.arange(23)
 """Powers of ten that are exact."""
 _LARGEST = 922337203685477579
 """Ten times this and a digit still is a 64-bit number."""
+_SURE = 18
+"""Numbers of so many digits are 64-bit ones, whatever they are."""
 
 
 @compiled
@@ -71,14 +73,20 @@ def split_lines(data: Any) -> Any:
 @compiled
 def count_letters(data: Any, everywhere: bool) -> Any:
     """Count the letters outside comments, or `everywhere`: then no fewer than there are words."""
+    count, opens = 0, 0
+    for c in data:  # so simple that several bytes are looked at together
+        count += 65 <= (c & 0xDF) <= 90
+        opens += c in (40, 59)
+    if everywhere or opens == 0:
+        return count
     count, closer = 0, 0
     for c in data:
         if closer:
             if c == closer or c in (10, 13):
                 closer = 0
-        elif c == 40 and not everywhere:
+        elif c == 40:
             closer = 41
-        elif c == 59 and not everywhere:
+        elif c == 59:
             closer = 10
         elif 65 <= (c & 0xDF) <= 90:
             count += 1
@@ -353,6 +361,46 @@ def _read_line(data: Any, first: Any, end: Any, row: int, block: int, out: Any) 
 
 
 @inner
+def _read_plain(data: Any, i: Any, end: Any, row: int, block: int, out: Any) -> Any:
+    """Read a line of nothing but words with plain numbers, as most are: the row after them, -1 of every other line.
+
+    Those, and lines for whose words there is no room, are left to :func:`_read_line`.
+    """
+    blocks, letters, starts, ends, values, decimals = out
+    i = _skip_blanks(data, i, end)
+    if i == end:
+        return -1
+    while i < end:
+        letter, at = data[i] & 0xDF, i
+        # O opens statements, E may be an exponent
+        if not _is_letter(data[i]) or letter in (79, 69) or row == letters.size:
+            return -1
+        i += 1
+        negative = i < end and data[i] == 45
+        i += negative
+        first, digits, places = i, np.int64(0), -1
+        while i < end and (48 <= data[i] <= 57 or (data[i] == 46 and places < 0)):
+            if data[i] == 46:
+                places = i + 1
+            else:
+                digits = 10 * digits + (np.int64(data[i]) - 48)
+            i += 1
+        count = i - first - (places >= 0)
+        if count == 0 or count > _SURE:
+            return -1
+        places = i - places if places >= 0 else 0
+        blocks[row], letters[row], starts[row], ends[row] = block, letter, at, i
+        values[row] = (-digits if negative else digits) / _POWERS[places]
+        decimals[row] = places
+        row += 1
+        after = i
+        i = _skip_blanks(data, i, end)
+        if i > after and i < end and not _is_letter(data[i]):  # blanks may stand within numbers
+            return -1
+    return row
+
+
+@inner
 def _power(places: int) -> Any:
     return _POWERS[places] if places < _POWERS.size else 10.0**places
 
@@ -383,6 +431,10 @@ def lex(data: Any, lines: Any, out: Any, traits: Any, whys: Any, spots: Any) -> 
             whys[0], spots[0], first = QUIET + BYTE_ORDER, 1, np.int64(3)
         while end > first and (data[end - 1] == 10 or data[end - 1] == 13):
             end -= 1
+        plain = _read_plain(data, first, end, row, block, out)
+        if plain >= 0:
+            row, opened = plain, True
+            continue
         at, _ = _skip_comments(data, first, end)
         if _is_wait(data, at, end):
             whys[block], spots[block] = QUIET + SENDERS_WORD, at + 1

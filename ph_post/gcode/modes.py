@@ -450,8 +450,43 @@ def _forget_columns(state: Any, mask: int) -> None:
     state[FRAME] = max(state[FRAME], 0.0)
 
 
+_SETTING = (1 << LETTER_M) | (1 << LETTER_O) | (1 << LETTER_S) | (1 << LETTER_T)
+"""Letters of words that set more than a motion and F, or do."""
+
+
+@inner
+def _read_move(letter: Any, value: Any, low: int, high: int, state: Any, given: Any) -> Any:
+    """Carry out a block that goes on in the motion in force, and sets nothing but F; False of every other.
+
+    Most blocks are of this kind.
+    """
+    present, feed = np.int64(0), -1
+    given[1] = NONE
+    for word in range(low, high):
+        index = np.int64(letter[word]) - 65
+        if ((present | _SETTING) >> index) & 1 or np.isnan(value[word]):
+            return False
+        if index == LETTER_G:
+            if not (10.0 * value[word] == state[MOTION] and 0.0 <= state[MOTION] <= 30.0):
+                return False
+            given[1] = np.int64(state[MOTION])
+        elif index == LETTER_F:
+            if value[word] < 0.0:
+                return False
+            feed = word
+        present |= 1 << index
+    for group in range(given.size):
+        if group != 1:
+            given[group] = NONE
+    if feed >= 0:
+        state[FEED], state[FEED_KNOWN] = value[feed], 1.0
+    return True
+
+
 @compiled
-def resolve_modes(words: Any, traits: Any, stretches: Any, end: int, columns: Any, fixed: Any) -> Any:
+def resolve_modes(  # noqa: C901
+    words: Any, traits: Any, stretches: Any, end: int, columns: Any, fixed: Any
+) -> Any:
     """Find the modal state after each block, and of each what decides on what it does.
 
     `words` are the columns block, letter and value, and the effects of M words; `stretches` (k, 3) first and last line
@@ -474,11 +509,16 @@ def resolve_modes(words: Any, traits: Any, stretches: Any, end: int, columns: An
         high, was = low, np.int64(whys[block])
         while high < blocks.size and blocks[high] == block:
             high += 1
-        zeros[block] = -1
+        zeros[block], plain = -1, block > 0 and high > low and traits[block] == 0 and was == 0
         if at < stretches.shape[0] and stretches[at, 0] <= block:
             whys[block] = was if FAULT < was < QUIET else O_WORD
             _forget_columns(state, stretches[at, 2])
             at += stretches[at, 1] == block
+        elif plain and _read_move(letter, value, low, high, state, room[3]):
+            zeros[block], motions[block] = room[3][0], np.int64(state[MOTION])
+            flags[block] = _flags(room[3], state)
+            states[block], feeds[block], low = row, state[FEED], high
+            continue
         elif high > low or traits[block]:
             for column in range(STATE):
                 before[column] = state[column]

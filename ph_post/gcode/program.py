@@ -402,6 +402,9 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 _WORDS: Final = 1 << 16
 """Words that are worked on at a time."""
 
+_TENS: Final = 10.0 ** np.arange(-1, 23)
+"""Powers of ten from that of -1 decimals, which stands for no number, up to the last that is exact."""
+
 _EXACT: Final = 2.0**50
 """Whole numbers below this come back from a number with decimals."""
 
@@ -417,18 +420,28 @@ def whole_numbers(value: Array, decimals: NDArray[np.int16]) -> IntArray:
     found = np.empty(value.shape, dtype=np.int64)
     with np.errstate(all="ignore"):
         for part in _slices(value.size):
-            whole = np.rint(value[part] * 10.0 ** decimals[part])
+            whole = np.rint(value[part] * _powers(decimals[part]))
             found[part] = np.where(np.abs(whole) < _EXACT, whole, 0.0)
     return found
 
 
 def long_numbers(value: Array, decimals: NDArray[np.int16] | IntArray) -> IntArray:
     """Return the rows of plain numbers (decimals of 0 and more) of which doubles do not have all digits."""
-    found = decimals >= 0
+    found = [np.zeros(0, dtype=np.int64)]
     with np.errstate(all="ignore"):
         for part in _slices(value.size):
-            found[part] &= ~(np.abs(value[part] * 10.0 ** decimals[part]) < _EXACT)
-    return np.flatnonzero(found)
+            number, places = value[part], decimals[part]
+            largest = np.fmax(np.fmax.reduce(number), -np.fmin.reduce(number))
+            if not largest * 10.0 ** places.max() < _EXACT:
+                found.append(part.start + np.flatnonzero((places >= 0) & ~(np.abs(number * _powers(places)) < _EXACT)))
+    return np.concatenate(found)
+
+
+def _powers(decimals: NDArray[np.int16] | IntArray) -> Array:
+    """Return ten to the power of numbers of decimals; of most from a table, as powers take long."""
+    if decimals.size and int(decimals.min()) >= -1 and int(decimals.max()) + 1 < _TENS.size:
+        return np.asarray(_TENS[decimals + 1])
+    return np.asarray(10.0**decimals)
 
 
 def _slices(size: int) -> Iterator[slice]:
