@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
 import msgspec
@@ -165,6 +165,23 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
 
 CHANGE_MARK: Final = comment_pattern(rf"{MARK}\+(\d+) -(\d+)[^)\r\n]*")
 """Comment line before a changed stretch."""
+
+_SIGN: Final = b": +"
+_BEFORE: Final = tuple(len(f"{style}{MARK}") - len(": ") for style in _STYLES)
+"""Bytes of such a comment that few others have, and how many stand before them."""
+
+
+def change_marks(data: bytes, end: int) -> Iterator[re.Match[bytes]]:
+    """Yield the matches of :data:`CHANGE_MARK` before a place, faster than looking for all of it does."""
+    behind, sign = 0, data.find(_SIGN, 0, end)
+    while sign >= 0:
+        for begin in (sign - before for before in _BEFORE):
+            found = CHANGE_MARK.match(data, begin, end) if begin >= behind else None
+            if found is not None:
+                yield found
+                behind = found.end()
+        sign = data.find(_SIGN, sign + 1, end)
+
 
 _OWN_LINE: Final = comment_pattern(r"ph-post[ :][^)\r\n]*", alone=True)
 _OWN_FURTHER: Final = comment_pattern(r"  [^)\r\n]*", alone=True)

@@ -16,7 +16,7 @@ from ph_post.errors import InputError
 from ph_post.gcode.codes import takes_axes
 from ph_post.gcode.motion_parts import place, split_cubic
 from ph_post.gcode.program import ARC, AXES, CENTERS, CUBIC, PLANE_AXES, Modal, PartProgram, number_text
-from ph_post.types import Array, BoolArray, IntArray
+from ph_post.types import Array, IntArray
 
 _CANNED: Final = (73, 76, 80, 81, 82, 83, 84, 85, 86, 87, 88, 89)
 _TURNING: Final = (70, 71, 71.1, 71.2, 72, 72.1, 72.2)
@@ -161,7 +161,8 @@ class FeedWords:
     def __init__(self, program: PartProgram) -> None:
         words = program.words
         self._program = program
-        self._words = np.flatnonzero((words.letter == ord("F")) & (words.decimals >= 0))
+        rows = np.flatnonzero(words.letter == ord("F")).astype(np.int32)
+        self._words = rows[words.decimals[rows] >= 0]
         self._blocks = words.block[self._words]
 
     def after(self, block: int) -> str | None:
@@ -184,6 +185,9 @@ _MOST_DECIMALS: Final = 9
 _DECIMALS_OF: Final = re.compile(rb"[.,](\d+)")
 """The decimals of a number."""
 
+_PLACES: Final = np.frombuffer(b"XYZIJK", np.uint8)
+"""Letters of words that name places."""
+
 _ANGLE_DECIMALS: Final = 4
 """Of the angle [deg] of a helix in languages that write it in words of their own."""
 
@@ -202,13 +206,14 @@ def fine_decimals(program: PartProgram, decimals: int) -> int:
 
     In a language of its own an increment has no number in the table; the place to which it leads has its decimals.
     """
-    words = program.words
-    placed = np.isin(words.letter, [ord(name) for name in "XYZIJK"])
-    found = [decimals, int(words.decimals[placed].max(initial=0))]
-    if program.language.spelling is not None:
-        data, steps = program.data, np.flatnonzero(placed & (words.decimals < 0)).tolist()
-        texts = (data[words.start[word] : words.end[word]] for word in steps)
-        found += [len(part) for text in texts for part in _DECIMALS_OF.findall(text)]
+    found, data = [decimals], program.data
+    for words in program.word_parts():
+        placed = np.isin(words.letter, _PLACES)
+        found.append(int(words.decimals[placed].max(initial=0)))
+        if program.language.spelling is not None:
+            steps = np.flatnonzero(placed & (words.decimals < 0)).tolist()
+            texts = (data[words.start[word] : words.end[word]] for word in steps)
+            found += [len(part) for text in texts for part in _DECIMALS_OF.findall(text)]
     return min(max(found), _MOST_DECIMALS)
 
 
@@ -270,21 +275,25 @@ class PartWords:
         """Set the offset, in steps, with which the motion begins."""
         self._last = offset.copy()
 
-    def _steps(self, length: Array, coarse: bool | BoolArray) -> IntArray:
+    def _steps(self, length: Sequence[float], coarse: Sequence[bool]) -> IntArray:
         """Lengths [m] as whole steps of the finest decimal, those that are `coarse` of the other one."""
-        decimals = np.where(coarse, self._coarse, self._fine)
-        count = np.rint(np.where(np.isnan(length), 0.0, length) / self.modal.units * 10.0**decimals)
-        if (np.abs(count) * 10.0 ** (self._fine - decimals)).max() > _LARGEST:
-            where = f"{self.program.name}:{self.block + 1}"
-            raise InputError(where, "a place that has too many digits to be written")
-        return np.asarray(count.astype(np.int64) * 10 ** (self._fine - decimals))
+        found = []
+        for one, few in zip(length, coarse, strict=True):  # one by one, as arrays of so few take longer
+            decimals = self._coarse if few else self._fine
+            count = 0.0 if math.isnan(one) else one / self.modal.units * 10.0**decimals
+            if not abs(count) * 10.0 ** (self._fine - decimals) <= _LARGEST:
+                where = f"{self.program.name}:{self.block + 1}"
+                raise InputError(where, "a place that has too many digits to be written")
+            found.append(round(count) * 10 ** (self._fine - decimals))
+        return np.array(found, dtype=np.int64)
 
     def _point(self, share: float) -> IntArray:
         """Return a place of the motion; an axis that rests there is not rounded: no later part may name it again."""
         motions, k = self.program.motions, self.motion
         point = place(motions, k, share)
         rests = (point == motions.start[k]) & (point == motions.end[k])
-        return self._steps(point * self._factors, coarse=~rests & (0.0 < share < 1.0))
+        inside = 0.0 < share < 1.0
+        return self._steps((point * self._factors).tolist(), [inside and not one for one in rests.tolist()])
 
     def _text(self, count: int) -> str:
         return self._length(int(count), self._fine)
@@ -352,7 +361,7 @@ class PartWords:
         """Centre and turns; a radius is replaced by them, as half circles lose their digits with it."""
         motions, k = self.program.motions, self.motion
         a, b, c = PLANE_AXES[int(motions.plane[k])]
-        center = self._steps(motions.center[k], coarse=not {*_CENTERS} & self._own.keys())
+        center = self._steps(motions.center[k].tolist(), [not {*_CENTERS} & self._own.keys()] * 2)
         swept = float(motions.angle[k]) * (part.high - part.low)
         turns = math.ceil(abs(swept) / math.tau - _FULL)
         words = {}
@@ -371,12 +380,12 @@ class PartWords:
 
     def _cubic_words(self, part: MotionPart, end: IntArray) -> dict[str, str]:
         control = split_cubic(self.program.motions.control[self.motion], [part.low, part.high])[0]
-        inner = self._steps(control[1:3], coarse=True)
+        inner = [self._steps(one, [True] * len(one)) for one in control[1:3].tolist()]
         return {
-            "I": "I" + self._text(inner[0, 0] - self._at[0]),
-            "J": "J" + self._text(inner[0, 1] - self._at[1]),
-            "P": "P" + self._text(inner[1, 0] - end[0]),
-            "Q": "Q" + self._text(inner[1, 1] - end[1]),
+            "I": "I" + self._text(inner[0][0] - self._at[0]),
+            "J": "J" + self._text(inner[0][1] - self._at[1]),
+            "P": "P" + self._text(inner[1][0] - end[0]),
+            "Q": "Q" + self._text(inner[1][1] - end[1]),
         }
 
     def radius(self, part: MotionPart) -> str:

@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, inner, read_only
 from ph_post.dialects.planners import planner_of
 from ph_post.drive.cascade import response_time
 from ph_post.edit.lagging_crossings import SHORT_LAG, CrossingArcs, fastest_arcs, out_and_back
@@ -75,6 +75,9 @@ SHARPER: Final = 1.2
 
 LONG: Final = 0.01
 """Length of the block before a crossing [m]."""
+
+_LEAST_PART: Final = 1e-12
+"""An axis that has a smaller part in a motion has none."""
 
 AT_SPEED: Final = 0.98
 """Part of the feed that counts as full."""
@@ -387,16 +390,27 @@ def fastest_along(program: PartProgram, machine: Machine) -> Array:
     In arcs it is that of the faster axis that turns.
     """
     motions = program.motions
-    limits = limit_table(machine)[:, 0]
+    limits = read_only(limit_table(machine)[:, 0])
     arcs = np.flatnonzero(motions.kind == ARC)
     turning = plane_columns(motions.plane[arcs])[:, :2]
     length = np.maximum(np.diff(places_along(motions)), 1e-12)
-    found = np.full(motions.kind.size, math.inf)
-    for column, limit in enumerate(limits.tolist()):  # one by one: there may be a million motions
-        part = np.nan_to_num(np.abs(motions.end[:, column] - motions.start[:, column])) / length
-        part[arcs[(turning == column).any(axis=1)]] = 0.0
-        np.minimum(found, limit / np.maximum(part, 1e-12), out=found)
+    found: Array = _fastest_on_chords(read_only(motions.start), read_only(motions.end), length, limits)
+    part = np.nan_to_num(np.abs(motions.end[arcs] - motions.start[arcs])) / length[arcs, None]
+    np.put_along_axis(part, turning.astype(np.int64), 0.0, axis=1)
+    found[arcs] = (limits / np.maximum(part, _LEAST_PART)).min(axis=1)
     found[arcs] = np.minimum(found[arcs], limits[turning].max(axis=1))
+    return found
+
+
+@compiled
+def _fastest_on_chords(start: Any, end: Any, length: Any, limits: Any) -> Any:
+    """Return the speed along each motion at which an axis is at its limit, as of straight ones [m/s], shape (m,)."""
+    found = np.full(length.size, np.inf)
+    for n in range(length.size):
+        for axis in range(3):
+            part = abs(end[n, axis] - start[n, axis]) / length[n]
+            part = part if part > _LEAST_PART else _LEAST_PART
+            found[n] = min(found[n], limits[axis] / part)
     return found
 
 

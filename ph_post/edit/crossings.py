@@ -15,6 +15,7 @@ from ph_post.edit.crossing_shapes import BALANCED, BEHIND, CHORD, OUTER, OUTWARD
 from ph_post.edit.edits import CrossingEdit, CrossingPart
 from ph_post.edit.lagging_crossings import CrossingArcs, bent_line, lead_time
 from ph_post.edit.reversals import motion_view
+from ph_post.edit.table_motion import follow_table
 from ph_post.gcode.program import AXES, CUBIC, LINE, Motions
 from ph_post.geometry.numeric import polyline_distances
 from ph_post.types import Array, BoolArray
@@ -122,6 +123,8 @@ def shortest_block(feed: float) -> float: ...
 def shortest_block(feed: Array) -> Array: ...
 def shortest_block(feed: float | Array) -> float | Array:
     """Return the least length [m] of the blocks of a crossing where the path has a feed [m/s]."""
+    if isinstance(feed, float):  # of each crossing several times
+        return min(max(SHORTEST_TIME * feed, FINEST), SHORTEST)
     return np.clip(SHORTEST_TIME * feed, FINEST, SHORTEST)
 
 
@@ -293,34 +296,23 @@ class CrossingPlanner:
             Places along the program, the way of the path up to them, and up to where the table is nearest to it then
             [m].
         """
-        s = np.unique(np.concatenate([np.linspace(knots.s[0], knots.s[-1], SAMPLES), knots.s]))
-        path = points_along(self._view, self._along, s)
-        column = spot.column
-        motor = path + np.array([np.interp(s, knots.s, added) for added in np.array(knots.added).T]).T
-        for n in range(1, len(knots.s)):
-            straight = (s >= knots.s[n - 1]) & (s <= knots.s[n]) & knots.line[n]
-            share = (s[straight] - knots.s[n - 1]) / (knots.s[n] - knots.s[n - 1])
-            motor[straight] = points[n - 1] + share[:, None] * (points[n] - points[n - 1])
-        carried = np.where(np.arange(len(AXES)) == column, 0.0, spot.before)
-        table = motor - carried
-        before = float(spot.before[column])
-        low, high = sorted((before, float(spot.after[column])))
-        pushed = motor[:, column].tolist()
-        held = [pushed[0] - before]
-        for place in pushed:
-            held.append(min(max(held[-1], place - high), place - low))
-        table[:, column] = held[1:]
-        tangent = np.gradient(path, s, axis=0)
-        tangent /= np.maximum(np.linalg.norm(tangent, axis=1), 1e-12)[:, None]
-        off = table - path
-        across = off - (off * tangent).sum(axis=1)[:, None] * tangent
-        error = float(np.linalg.norm(across, axis=1).max())
-        # Towards the centre of curvature a place is shorter than the path.
-        ahead = (off * tangent).sum(axis=1) / (1.0 - (off * np.gradient(tangent, s, axis=0)).sum(axis=1))
+        s, path, table, error, ahead = follow_table(
+            self._view,
+            self._along,
+            np.array(knots.s),
+            np.array(knots.added),
+            np.array(knots.line),
+            points,
+            spot.column,
+            spot.before,
+            float(spot.after[spot.column]),
+            SAMPLES,
+        )
         # Beside a joint, and in tight bends, the nearest place of the path is not across from it.
         error = error if error <= ERROR else float(polyline_distances(table, path).max())
         way = s
-        if (self._motions.kind[self._motion_at(s[0]) : self._locate(s[-1])[0] + 1] == CUBIC).any():
+        cubics = self._motions.control  # the kinds of motions are looked up where there are any
+        if cubics and (self._motions.kind[self._motion_at(s[0]) : self._locate(s[-1])[0] + 1] == CUBIC).any():
             # Places on a cubic go by its parameter.
             way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
         return error, np.stack([s, way, way + ahead])
@@ -541,7 +533,7 @@ class CrossingPlanner:
         parts: list[CrossingPart] = []
         for n in range(1, len(s)):
             first, last = np.searchsorted(self._along, (s[n - 1] + NOTHING, s[n] - NOTHING)).tolist()
-            ends = np.unique(np.append(self._along[first:last], s[n]))
+            ends = np.array(sorted({*self._along[first:last].tolist(), s[n]}))
             path = points_along(self._view, self._along, ends)
             if knots.line[n]:
                 share = (ends - s[n - 1]) / (s[n] - s[n - 1])

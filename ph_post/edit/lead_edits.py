@@ -13,8 +13,9 @@ from ph_post.compiling import compiled
 from ph_post.dialects.base import Dialect
 from ph_post.edit import block_words
 from ph_post.edit.changes import Change, ChangeWriter
+from ph_post.edit.edits import no_offsets
 from ph_post.edit.preconditions import word_decimals
-from ph_post.edit.word_shifts import MotionOffsets
+from ph_post.edit.word_shifts import motion_offsets
 from ph_post.gcode.program import AXES, CUBIC, RAPID, PartProgram
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MINUTE, MM
@@ -208,8 +209,7 @@ class LeadWriter(ChangeWriter):
     def __init__(self, program: PartProgram, dialect: Dialect, tolerance: float, least: float, most: float) -> None:
         units = program.modal_after(int(program.motions.block[0])).units if program.motions.block.size else 1e-3
         decimals = word_decimals(dialect, units)
-        nothing = np.zeros((program.motions.kind.size, 3), dtype=np.int32)
-        carried = MotionOffsets(after=nothing, word=nothing)
+        carried = motion_offsets(no_offsets(program.motions.kind.size), [], 1.0)
         super().__init__(program, dialect, carried, decimals, tolerance, 0.0, lambda _: {})
         self._least, self._most = least, most
 

@@ -211,8 +211,8 @@ class _OffsetPlanner:
         yield from warn_unknown(program, self._amplitude)
         yield from choice.afforded.warnings
         yield from self._beam.warn_left([self._runs[run] for run in sorted(choice.unmarked)])
-        yield from self._contours.words(choice.refused, choice.radii, edits.offset)
-        yield from self._threads.words(choice.untied, edits.offset)
+        yield from self._contours.words(choice.refused, choice.radii, choice.planned.offset)
+        yield from self._threads.words(choice.untied, choice.planned.offset)
         more = slow.needed / self._total
         allows = round_up(max(more / SHARE, options.pace * (more + choice.afforded.slowdown)))
         # Where the time allows them, they were tried, and something else is at fault.

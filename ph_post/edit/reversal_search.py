@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate.friction import braked
+from ph_post.compiling import compiled, read_only
 from ph_post.dialects.base import Dialect
 from ph_post.edit.crossing_ground import CrossingGround
 from ph_post.edit.crossing_search import CrossingSearch
@@ -52,16 +53,29 @@ LITTLE: Final = 0.01
 def motion_times(program: PartProgram, machine: Machine) -> Array:
     """Time of every motion at its feed [s], shape (m,), ramps and corners left out."""
     motions = program.motions
-    with np.errstate(invalid="ignore", divide="ignore"):
-        length = np.diff(places_along(motions))
-        rapid = np.zeros(length.size)
-        for column, name in enumerate(AXES):
-            if name in machine.axes:
-                way = np.nan_to_num(np.abs(motions.end[:, column] - motions.start[:, column]))
-                rapid = np.maximum(rapid, way / machine.axes[name].limits.velocity)
-        cut = np.where(motions.duration > 0.0, motions.duration, length / motions.feed)
-        cut = np.maximum(cut, length / fastest_along(program, machine))
-        return np.nan_to_num(np.where(motions.kind == RAPID, rapid, cut), posinf=0.0)
+    length = np.diff(places_along(motions))
+    velocity = np.array([machine.axes[name].limits.velocity if name in machine.axes else math.inf for name in AXES])
+    columns = (motions.start, motions.end, motions.feed, motions.duration, fastest_along(program, machine))
+    return np.asarray(_times(motions.kind, length, velocity, tuple(map(read_only, columns))))
+
+
+@compiled
+def _times(kind: Any, length: Any, velocity: Any, columns: Any) -> Any:
+    """Return the times of :func:`motion_times`; 0 where it is not known, or endless."""
+    start, end, feed, duration, fastest = columns
+    found = np.zeros(kind.size)
+    for n in range(kind.size):
+        if kind[n] == RAPID:
+            time = 0.0
+            for axis in range(3):
+                way = abs(end[n, axis] - start[n, axis])
+                time = time if np.isnan(way) else max(time, way / velocity[axis])
+        else:
+            time = duration[n] if duration[n] > 0.0 else length[n] / feed[n]
+            time = time if np.isnan(time) else max(time, length[n] / fastest[n])
+        if time < math.inf:
+            found[n] = time
+    return found
 
 
 class ReversalSearch:

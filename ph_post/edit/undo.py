@@ -16,8 +16,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.dialects.declaration import (
-    CHANGE_MARK,
     MARK,
+    change_marks,
     comment_pattern,
     declared_language,
     find_last,
@@ -156,7 +156,7 @@ class _Restorer:
         added = np.zeros(self._lines.size - 1, dtype=np.bool_)
         spans, done = np.zeros((added.size, 2), dtype=np.int64), 0
         added[self._payload.head[0] : sum(self._payload.head)] = True
-        for found in CHANGE_MARK.finditer(self._data, 0, end):
+        for found in change_marks(self._data, end):
             line = int(np.searchsorted(self._lines, np.int32(found.start()), side="right")) - 1
             if not added[line]:
                 new, old = map(int, mark_text(found))
@@ -195,11 +195,11 @@ class _Restorer:
 
     def _numbers(
         self, data: bytes, lines: PlaceArray, added: BoolArray, first: int
-    ) -> tuple[PlaceArray, PlaceArray, ByteArray, IntArray]:
+    ) -> tuple[PlaceArray, PlaceArray, ByteArray, PlaceArray]:
         """Spans of the changed numbers, and the text that stood there."""
         if self._closed:
             nothing = np.zeros(0, dtype=np.int32)
-            return nothing, nothing, np.zeros(0, dtype=np.uint8), np.zeros(1, dtype=np.int64)
+            return nothing, nothing, np.zeros(0, dtype=np.uint8), np.zeros(1, dtype=np.int32)
         if self._words is None:
             lexed = read_words(self._language.hidden(data), lines)
             self._closed, words = lexed.end < lines.size - 1, lexed.words
@@ -222,13 +222,13 @@ class _Restorer:
         return words.start[word] + 1, words.end[word], pool, bounds
 
 
-def _with_odd(pool: ByteArray, bounds: IntArray, odd: dict[int, bytes]) -> tuple[ByteArray, IntArray]:
+def _with_odd(pool: ByteArray, bounds: PlaceArray, odd: dict[int, bytes]) -> tuple[ByteArray, PlaceArray]:
     """Put the kept text of odd numbers in the place of the text that their style gives."""
     texts = [pool[low:high].tobytes() for low, high in pairwise(bounds.tolist())]
     for number, text in odd.items():
         texts[number] = text
-    sizes = np.array([len(text) for text in texts], dtype=np.int64)
-    return np.frombuffer(b"".join(texts), np.uint8), np.append(0, np.cumsum(sizes))
+    sizes = np.array([0, *map(len, texts)], dtype=np.int32)
+    return np.frombuffer(b"".join(texts), np.uint8), np.cumsum(sizes, dtype=np.int32)
 
 
 _LEVEL: Final = 6

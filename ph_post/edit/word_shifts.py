@@ -119,7 +119,7 @@ def _power(places: Any) -> Any:
 def unshift_numbers(digits: Any, decimals: Any, number: Any, table: Any, style: Any) -> Any:
     """Take offsets back from numbers: their text, where that of each begins, and how many numbers do not fit."""
     count, wrong = digits.size, 0
-    pool, bounds = np.empty(LONGEST * count + LONGEST, np.uint8), np.zeros(count + 1, np.int64)
+    pool, bounds = np.empty(LONGEST * count + LONGEST, np.uint8), np.zeros(count + 1, np.int32)
     for n in range(count):
         steps, places = table[number[n], 0], table[number[n], 1]
         manner, own = np.int64(style[n]), np.int64(decimals[n])
@@ -181,17 +181,20 @@ def _copy(source: Any, low: Any, high: Any, out: Any, at: Any) -> Any:
 
 
 class MotionOffsets(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Offsets of motions in whole steps of the last decimal, shape (m, 3) each.
+    """Offsets of motions in whole steps of the last decimal.
 
-    `after` at the end of a motion; `word` the one that its end word carries, ahead of a stop at its end.
+    `after` (r, 3) at the ends of the runs of motions that begin with `first` (r,); `word` (m, 3) the one that the end
+    word of each motion carries, ahead of a stop at its end.
     """
 
+    first: IntArray
     after: NDArray[np.int32]
     word: NDArray[np.int32]
 
     def before(self, motion: int) -> IntArray:
         """Offset at the start of a motion, ahead of any stop there."""
-        return self.after[motion - 1].astype(np.int64) if motion else np.zeros(3, dtype=np.int64)
+        run = int(self.first.searchsorted(motion, side="left")) - 1
+        return self.after[run].astype(np.int64) if motion else np.zeros(3, dtype=np.int64)
 
 
 class ShiftedWords(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -203,15 +206,15 @@ class ShiftedWords(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 def motion_offsets(offset: OffsetRuns, tasks: Sequence[MotionEdit], step: float) -> MotionOffsets:
     """Round offsets to steps [m], at the end of every motion and in its words ahead of a stop there."""
-    after = np.repeat(np.rint(offset.value / step).astype(np.int32), offset.lengths, axis=0)
-    word = after.copy()
+    after = np.rint(offset.value / step).astype(np.int32)
+    word = np.repeat(after, offset.lengths, axis=0)
     for task in tasks:
         if 1.0 in task.stops:
             word[task.motion] -= net_shift(task.stops[1.0], step).astype(np.int32)
         if not task.whole:
             # Its line is written anew, with words of its own.
             word[task.motion] = 0
-    return MotionOffsets(after=after, word=word)
+    return MotionOffsets(first=offset.first, after=after, word=word)
 
 
 def net_shift(stop: StopEdit, step: float) -> IntArray:
@@ -264,7 +267,7 @@ def shifted_words(program: PartProgram, found: MotionOffsets) -> ShiftedWords:
         absolute,
         program.absolute_centres(),
         motions.kind,
-        found.after,
+        (found.first, found.after),
         found.word,
     )
     if program.language.diameters:
@@ -285,7 +288,17 @@ def _delta(letter: Any, absolute: Any, arc_absolute: Any, k: Any, kind: Any, aft
         return int(word[k, axis])
     if kind[k] != RAPID:
         return 0
-    return int(word[k, axis]) - (int(after[k - 1, axis]) if k > 0 else 0)
+    return int(word[k, axis]) - (int(after[1][_run_of(after[0], k - 1), axis]) if k > 0 else 0)
+
+
+@inner
+def _run_of(first: Any, motion: Any) -> Any:
+    """Return the run to which a motion belongs, by their first motions."""
+    low, high = 0, first.size
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if first[middle] <= motion else (low, middle)
+    return low
 
 
 @compiled

@@ -72,7 +72,7 @@ class ShiftedNumbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     word: PlaceArray
     number: ByteArray
     pool: ByteArray
-    bounds: IntArray
+    bounds: IntArray | PlaceArray
     style: NDArray[np.uint16]
     odd: ByteArray
     delta: tuple[tuple[int, int], ...]
@@ -197,7 +197,10 @@ def shifted_numbers(program: PartProgram, changed: ShiftedWords, decimals: int, 
     delta = np.array([_trimmed(count, decimals, least) for count in table.tolist()], dtype=np.int64).reshape(-1, 2)
     data = np.frombuffer(program.data, np.uint8)
     # What is not written of it takes no memory.
-    pool, bounds = np.empty(LONGEST * word.size, np.uint8), np.zeros(word.size + 1, np.int64)
+    pool = np.empty(LONGEST * word.size, np.uint8)
+    bounds: IntArray | PlaceArray = np.zeros(word.size + 1, np.int32)
+    if pool.size > np.iinfo(np.int32).max:
+        bounds = bounds.astype(np.int64)
     style, odd = np.empty(word.size, np.uint16), np.zeros(word.size, np.uint8)
     for first in range(0, word.size, _PART):
         part = slice(first, first + _PART)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
+from ph_post.compiling import compiled, read_only
 from ph_post.errors import InputError
 from ph_post.gcode.program import ARC, CUBIC, NURBS, PLANE_AXES, Motions, plane_columns
 from ph_post.types import Array, IntArray
@@ -73,9 +75,9 @@ def part_length(motions: Motions, k: int, low: float, high: float) -> float:
     if motions.kind[k] == CUBIC:
         points = np.nan_to_num([place(motions, k, u) for u in np.linspace(low, high, 65)])
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    way = np.nan_to_num(motions.end[k] - motions.start[k])
     if motions.kind[k] != ARC:
-        return float((high - low) * np.linalg.norm(way))
+        way = motions.end[k] - motions.start[k]
+        return float((high - low) * np.linalg.norm(np.nan_to_num(way) if np.isnan(way).any() else way))
     return float((high - low) * arc_lengths(motions, np.array([k]))[0])
 
 
@@ -90,12 +92,19 @@ def arc_lengths(motions: Motions, arcs: IntArray) -> Array:
 
 def chord_lengths(motions: Motions) -> Array:
     """Return the distances of the ends of all motions from their starts [m], shape (m,); an unknown way counts as 0."""
-    square = np.zeros(motions.kind.size)
-    for axis in range(3):  # one by one: there may be a million motions
-        way = np.nan_to_num(motions.end[:, axis] - motions.start[:, axis])
-        way *= way
-        square += way
-    return np.sqrt(square, out=square)
+    return np.asarray(_chords(read_only(motions.start), read_only(motions.end)))
+
+
+@compiled
+def _chords(start: Any, end: Any) -> Any:
+    found = np.empty(start.shape[0])
+    for n in range(found.size):
+        square = 0.0
+        for axis in range(3):
+            way = end[n, axis] - start[n, axis]
+            square += 0.0 if np.isnan(way) else way * way
+        found[n] = np.sqrt(square)
+    return found
 
 
 def places_along(motions: Motions) -> Array:
@@ -108,4 +117,6 @@ def places_along(motions: Motions) -> Array:
     length[arcs] = arc_lengths(motions, arcs)
     for k, control in motions.control.items():
         length[k] = np.sqrt((np.diff(np.nan_to_num(control), axis=0) ** 2).sum(axis=1)).sum()
-    return np.append(0.0, np.cumsum(np.nan_to_num(length)))
+    found = np.zeros(length.size + 1)
+    np.cumsum(np.nan_to_num(length, copy=False), out=found[1:])
+    return found

@@ -242,6 +242,6 @@ def _path(program: PartProgram, chain: int, rows: IntArray, tolerance: float, wa
         closed=False,
         segments=segments,
         digest=program.digest,
-        lines=(s[1:], motions.block[rows].astype(np.int64) + 1),
+        lines=(s[1:], motions.block[rows] + np.int32(1)),
     )
     return ProgramPath(path=path, chain=chain, motion=rows, s=s, cubics=cubics, warnings=warnings)

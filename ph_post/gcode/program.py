@@ -110,7 +110,9 @@ class WordTable(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     def g_words(self, *codes: float) -> BoolArray:
         """Return true for each G word of one of these numbers, shape (w,)."""
-        return np.asarray((self.letter == ord("G")) & np.isin(self.value, codes))
+        found = self.letter == ord("G")
+        found[found] = np.isin(self.value[found], codes)
+        return np.asarray(found)
 
     def take(self, rows: IntArray) -> WordTable:
         """Return the table of some of the words."""
@@ -134,7 +136,7 @@ class WordTable(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     def rows(self, first: int, last: int) -> slice:
         """Return the rows of the words of the lines from `first` to before `last`."""
-        low, high = np.searchsorted(self.block, np.array([first, last], dtype=self.block.dtype))
+        low, high = self.block.searchsorted(np.array([first, last], dtype=self.block.dtype))
         return slice(int(low), int(high))
 
 
@@ -146,11 +148,18 @@ _MOTION_MODES: Final = (0.0, 1.0, 2.0, 3.0)
 
 def _commands(words: WordTable) -> WordTable:
     """Return the words of :attr:`WordSource.commands`."""
-    code = words.letter == ord("G")
-    more = ~(_PLAIN[words.letter] | (code & np.isin(words.value, _MOTION_MODES)))
     switched = np.zeros(int(words.block[-1]) + 1 if words.block.size else 0, dtype=np.bool_)
-    switched[words.block[more & (code | (words.letter == ord("M")))]] = True
-    return words.take(np.flatnonzero(more | switched[words.block]))
+    found = []
+    for part in _slices(words.block.size):
+        letter, code = words.letter[part], words.letter[part] == ord("G")
+        own = np.flatnonzero(~_PLAIN[letter] & ~code)
+        others = np.flatnonzero(code)
+        others = others[~np.isin(words.value[part][others], _MOTION_MODES)]
+        found += [part.start + own, part.start + others]
+        switched[words.block[part][others]] = True
+        switched[words.block[part][own[letter[own] == ord("M")]]] = True
+    rows = np.flatnonzero(switched[words.block]) if switched.any() else _NOWHERE
+    return words.take(np.union1d(np.concatenate([*found, _NOWHERE]), rows))
 
 
 _PART: Final = 20_000
@@ -173,6 +182,7 @@ class WordSource:
     def __init__(self, words: WordTable, read: Callable[[int, int | None], WordTable] | None = None) -> None:
         self._words: WordTable | None = words
         self._read = read
+        self._last = -1, range(0)
         self.commands = _commands(words)
         """All words but X, Y, Z, I, J, K, R, F, N and G0 to G3, and of lines with another G word or an M word all
         words. They are kept: of most programs they are few."""
@@ -183,6 +193,12 @@ class WordSource:
             assert self._read is not None
             self._words = self._read(0, None)
         return self._words
+
+    def rows_of(self, block: int) -> range:
+        """Return the numbers of the words on a line; those of the same line again take no time."""
+        if self._last[0] != block:
+            self._last = block, range(*span_of(self.get().block, block))
+        return self._last[1]
 
     def part(self, first: int, last: int) -> WordTable:
         """Return the words of the lines from `first` to before `last`, which are not kept for another time."""
@@ -396,7 +412,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     def words_of(self, block: int) -> range:
         """Return the numbers of the words on a line."""
-        return range(*span_of(self.words.block, block))
+        return self.source.rows_of(block)
 
 
 _WORDS: Final = 1 << 16
@@ -452,7 +468,7 @@ def _slices(size: int) -> Iterator[slice]:
 def span_of(blocks: PlaceArray, block: int) -> tuple[int, int]:
     """Return the first row of a block in a column of rising blocks, and the row behind its last."""
     # Of the same type: what is looked for in another would be a copy of the whole column.
-    low, high = np.searchsorted(blocks, np.array([block, block + 1], dtype=blocks.dtype))
+    low, high = blocks.searchsorted(np.array([block, block + 1], dtype=blocks.dtype))
     return int(low), int(high)
 
 

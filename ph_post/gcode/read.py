@@ -508,7 +508,7 @@ def _make_motions(lexed: Lexed, blocks: _Blocks) -> Motions:
             continue
         block, kind, start, end, plane, feed, duration, exact = (_cut(column, count) for column in columns)
         center, angle, turns = (_cut(column, count) for column in curves)
-        inches = blocks.table[:, codes.UNITS][blocks.states[block]] == INCH
+        inches = (blocks.table[:, codes.UNITS] == INCH)[blocks.states[block]]
         faults, radii = np.zeros(block.size, np.uint8), np.zeros((block.size, 2))
         if not solve_arcs(start, end, plane, turns, inches, center, angle, faults, radii):
             break

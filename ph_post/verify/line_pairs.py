@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
 import msgspec
 import numpy as np
@@ -19,6 +20,9 @@ _MORE = b"and more"
 """Last words of a mark that is too long for its line."""
 
 _BEGINS = re.compile(rb"(?:\(|; )ph-post: \+", re.IGNORECASE)
+_SIGN = b": +"
+_BEFORE = len("; ph-post"), len("(ph-post")
+"""What a mark begins with, the last bytes of it, and how many there are before those."""
 
 NO_CHANGE = -1
 """The change of a line outside all of them."""
@@ -107,7 +111,7 @@ def _markers(
     A line of the same bytes that the original has in that place is the original's.
     """
     found: list[tuple[int, int, int, frozenset[tuple[str, int]] | None, bool]] = []
-    begins = np.array([match.start() for match in _BEGINS.finditer(compensated.data)], dtype=np.int32)
+    begins = np.array(list(_places_of_marks(compensated.data)), dtype=np.int32)
     lines = np.searchsorted(compensated.lines, begins, side="right") - 1
     behind, shift = declared.last, declared.last - declared.first
     for line in lines[compensated.lines[lines] == begins].tolist():
@@ -122,6 +126,16 @@ def _markers(
         found.append((line, added, removed, _crossings(words, declared), _LEAD.search(words) is not None))
         behind, shift = line + 1 + added, shift + 1 + added - removed
     return found
+
+
+def _places_of_marks(data: bytes) -> Iterator[int]:
+    """Yield the places at which comments begin that may be marks, by what few lines have: a colon and a sign."""
+    sign = data.find(_SIGN)
+    while sign >= 0:
+        for before in _BEFORE:
+            if before <= sign and _BEGINS.match(data, sign - before):
+                yield sign - before
+        sign = data.find(_SIGN, sign + 1)
 
 
 UNNAMED = ("", 0)

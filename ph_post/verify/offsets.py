@@ -5,8 +5,11 @@ Only declared amounts may be added, only where that is allowed, and they are tak
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from ph_post.compiling import compiled, read_only
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, plane_columns
 from ph_post.types import Array, BoolArray, IntArray, Machine
 from ph_post.units import MM, MM_PER_MIN
@@ -172,11 +175,8 @@ _RELATIVE = 1e-9
 def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
     """Motions that stand for each other are the same but for one shift, which only a rapid may change."""
     one, other, old, new = case.original.motions, case.compensated.motions, pairing.old, pairing.new
-    changes, unknown = np.zeros(old.size, dtype=bool), np.zeros(old.size, dtype=bool)
-    for axis in range(3):  # one by one, as there may be a million motions
-        changes |= np.abs(pairing.after[new, axis] - pairing.before[new, axis]) > EXACT
-        unknown |= np.isnan(one.start[old, axis]) != np.isnan(other.start[new, axis])
-        unknown |= np.isnan(one.end[old, axis]) != np.isnan(other.end[new, axis])
+    places = (one.start, other.start, one.end, other.end, pairing.before, pairing.after)
+    changes, unknown = _changed_ends(tuple(map(read_only, places)), old, new)
     faults: tuple[tuple[FailureKind, BoolArray, str], ...] = (
         ("path", one.kind[old] != other.kind[new], "the motion is of another kind"),
         ("path", unknown, "the position is known in one of the programs only"),
@@ -194,6 +194,20 @@ def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
     for kind, wrong, what in faults:
         for first, second in zip(one.block[old[wrong]].tolist(), other.block[new[wrong]].tolist(), strict=True):
             case.findings.add(kind, what, original=first, compensated=second)
+
+
+@compiled
+def _changed_ends(places: Any, old: Any, new: Any) -> Any:
+    """Masks (p,) of the pairs of motions in which the shift changes, and that have an end known in one alone."""
+    old_start, new_start, old_end, new_end, before, after = places
+    changes, unknown = np.zeros(old.size, np.bool_), np.zeros(old.size, np.bool_)
+    for pair in range(old.size):
+        one, other = old[pair], new[pair]
+        for axis in range(3):
+            changes[pair] |= abs(after[other, axis] - before[other, axis]) > EXACT
+            unknown[pair] |= np.isnan(old_start[one, axis]) != np.isnan(new_start[other, axis])
+            unknown[pair] |= np.isnan(old_end[one, axis]) != np.isnan(new_end[other, axis])
+    return changes, unknown
 
 
 def _differ(one: Array, other: Array) -> BoolArray:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import msgspec
 import numpy as np
 
+from ph_post.compiling import compiled, read_only
 from ph_post.gcode.program import AXES, LINE, RAPID, CodeArray, Motions, PlaceArray
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
@@ -206,19 +208,35 @@ def _first_of_all(motions: Motions, change: PlaceArray, jog: BoolArray) -> BoolA
 
     On which side such an axis begins nobody knows; on the wrong one the original is no nearer to the path.
     """
-    leading = jog & (np.maximum.accumulate(np.where(jog, -1, np.arange(jog.size))) < run_begins(change))
-    begins, found = run_begins(motions.chain), np.zeros(jog.size, dtype=bool)
+    found = np.zeros(jog.size, dtype=bool)
+    jogs = np.flatnonzero(jog)
+    if not jogs.size:
+        return found
+    head = run_begins(change)[jogs]
+    leading = jogs - head == np.arange(jogs.size) - np.searchsorted(jogs, head)  # none but jogs before it there
+    jogs, head = jogs[leading], head[leading]
+    begins = run_begins(motions.chain)[jogs]
     for axis in range(len(AXES)):
         way = np.abs(motions.end[:, axis] - motions.start[:, axis]) > EXACT
-        moved = np.append(0, np.cumsum(way))
-        found |= leading & way & (moved[run_begins(change)] == moved[begins])
+        moved = np.append(np.int32(0), np.cumsum(way, dtype=np.int32))
+        found[jogs] |= way[jogs] & (moved[head] == moved[begins])
     return found
 
 
-def run_begins(number: IntArray | PlaceArray) -> IntArray:
+def run_begins(number: IntArray | PlaceArray) -> PlaceArray:
     """Return the first of the equal numbers in a row among which each is, (k,)."""
-    heads = np.append(True, number[1:] != number[:-1])[: number.size]
-    return np.asarray(np.maximum.accumulate(np.where(heads, np.arange(number.size), 0)))
+    view = number.view()
+    view.setflags(write=False)
+    return np.asarray(_run_begins(view))
+
+
+@compiled
+def _run_begins(number: Any) -> Any:
+    found, first = np.empty(number.size, np.int32), 0
+    for k in range(number.size):
+        first = first if number[k] == number[first] else k
+        found[k] = first
+    return found
 
 
 def _approaching(case: VerifyCase, behind: IntArray, rapid: IntArray, *, anywhere: bool = False) -> BoolArray:
@@ -311,40 +329,45 @@ def _follow_shifts(
 
     `paired` are the motions that stand for another one from start to end.
     """
-    old, new = ends
-    number = jog.size
-    latest = np.zeros(number + 1, dtype=np.int32)
-    latest[new + 1] = new + 1
-    latest = np.maximum.accumulate(latest)
-    shift, apart = np.empty((number + 1, 3)), {}
+    shift = np.asarray(_shifts(read_only(one.end), read_only(other.start), read_only(other.end), *ends, jog))
+    apart = _starts_apart(read_only(one.start), read_only(other.start), ends[0], paired, shift)
     before, after = shift[:-1], shift[1:]
-    for axis in range(3):  # one by one, each in a call of its own: there may be a million motions
-        shift[:, axis] = _shift_of(one.end[:, axis], other.start[:, axis], other.end[:, axis], (old, new, latest), jog)
-        begins = np.nan_to_num(other.start[paired, axis] - one.start[old[: paired.size], axis])
-        if not np.array_equal(before[paired, axis], begins):
-            apart[axis] = begins
-        del begins
-    if apart:
+    if apart.any():
         # Otherwise each begins with the shift with which the last one ends: one array has both.
         before = before.copy()
-        for axis, begins in apart.items():
-            before[paired, axis] = begins
+        for axis in np.flatnonzero(apart).tolist():
+            begins = other.start[paired, axis] - one.start[ends[0][: paired.size], axis]
+            before[paired, axis] = np.nan_to_num(begins)
     return before, after
 
 
-def _shift_of(
-    old_end: Array, start: Array, end: Array, pairs: tuple[PlaceArray, PlaceArray, PlaceArray], jog: BoolArray
-) -> Array:
-    """Shift of an axis before the first motion and after each, (k + 1,): the latest pair's, and jogs."""
-    old, new, latest = pairs
-    total = np.zeros(jog.size + 1)
-    np.cumsum(np.where(jog, np.nan_to_num(end - start), 0.0), out=total[1:])
-    shift = np.zeros(jog.size + 1)
-    shift[new + 1] = np.nan_to_num(end[new] - old_end[old])
-    shift = shift[latest]
-    shift += total
-    shift -= total[latest]
+@compiled
+def _shifts(old_end: Any, start: Any, end: Any, old: Any, new: Any, jog: Any) -> Any:
+    """Shifts of the axes before the first motion and after each, (k + 1, 3): the latest pair's, and jogs."""
+    shift = np.full((jog.size + 1, 3), np.nan)
+    for axis in range(3):
+        for pair in range(new.size):
+            way = end[new[pair], axis] - old_end[old[pair], axis]
+            shift[new[pair] + 1, axis] = 0.0 if np.isnan(way) else way
+        latest = total = before = shift[0, axis] = 0.0
+        for k in range(jog.size):
+            way = end[k, axis] - start[k, axis] if jog[k] else 0.0
+            total += 0.0 if np.isnan(way) else way
+            if not np.isnan(shift[k + 1, axis]):
+                latest, before = shift[k + 1, axis], total
+            shift[k + 1, axis] = latest + total - before
     return shift
+
+
+@compiled
+def _starts_apart(old_start: Any, start: Any, old: Any, paired: Any, shift: Any) -> Any:
+    """Mask (3,) of the axes of which a paired motion begins with another shift than the motion before it ends with."""
+    found = np.zeros(3, np.bool_)
+    for axis in range(3):
+        for pair in range(paired.size):
+            way = start[paired[pair], axis] - old_start[old[pair], axis]
+            found[axis] |= shift[paired[pair], axis] != (0.0 if np.isnan(way) else way)
+    return found
 
 
 def crossing_axes(case: VerifyCase, pairing: Pairing) -> BoolArray:

@@ -11,7 +11,7 @@ import numpy as np
 from ph_post.gcode.codes import takes_axes
 from ph_post.gcode.numbers import COMMENT
 from ph_post.gcode.program import Modal, PartProgram, PlaceArray, WordTable, expand, runs
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, BoolArray, IntArray
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
 from ph_post.verify.verdict import quoted
 
@@ -207,23 +207,25 @@ _CONVERTED = 1e-12
 def check_states(case: VerifyCase) -> None:
     """Compare the state after each line outside changes and after each change, and what changes hold meanwhile."""
     original, compensated, changes = case.original, case.compensated, case.lines.changes
-    old = np.concatenate([case.lines.old, changes.old_last - 1])
-    new = np.concatenate([case.lines.new, changes.new_last - 1])
-    order = np.argsort(new, kind="stable")
-    old, new = old[order], new[order]
+    old = np.concatenate([case.lines.old, (changes.old_last - 1).astype(np.int32)])
+    new = np.concatenate([case.lines.new, (changes.new_last - 1).astype(np.int32)])
     known = StateNumbering(("motion",))
     unlike = (
         _after(known.number(original)[original.state], old, known.of(Modal()))
         != (known.number(compensated)[compensated.state][new])
     )
-    for place in runs(unlike)[0].tolist():
+    for place in _first_ones(unlike, new):
         _report_state(case, int(old[place]), int(new[place]))
     expected, got = _after(original.feed_word, old, np.nan), compensated.feed_word[new]
     timed = np.array([modal.feed_mode == INVERSE_TIME for modal in compensated.modal])
-    unlike = ~(
-        np.isclose(expected, got, rtol=_CONVERTED, atol=0.0) | np.isnan(expected) | timed[compensated.state[new]]
+    unlike = expected != got
+    rows = np.flatnonzero(unlike)
+    unlike[rows] = ~(
+        np.isclose(expected[rows], got[rows], rtol=_CONVERTED, atol=0.0)
+        | np.isnan(expected[rows])
+        | timed[compensated.state[new[rows]]]
     )
-    for place in runs(unlike)[0].tolist():
+    for place in _first_ones(unlike, new):
         case.findings.add(
             "state",
             "the F in force after the block is another one",
@@ -234,6 +236,14 @@ def check_states(case: VerifyCase) -> None:
         )
     case.findings.count("states", old.size)
     _check_changes(case)
+
+
+def _first_ones(mask: BoolArray, lines: PlaceArray) -> list[int]:
+    """Return the places of a mask that are true where those of the line before are not, in the order of the lines."""
+    if not mask.any():
+        return []
+    order = np.argsort(lines, kind="stable")
+    return [int(place) for place in order[runs(mask[order])[0]]]
 
 
 class StateNumbering:
@@ -247,14 +257,16 @@ class StateNumbering:
         """Return the number of one state."""
         return self._known.setdefault(msgspec.structs.replace(modal, **self._blank), len(self._known))
 
-    def number(self, program: PartProgram) -> IntArray:
+    def number(self, program: PartProgram) -> PlaceArray:
         """Return the numbers of a program's states."""
-        return np.array([self.of(modal) for modal in program.modal], dtype=np.int64)
+        return np.array([self.of(modal) for modal in program.modal], dtype=np.int32)
 
 
-def _after(values: Any, lines: IntArray, start: float) -> Any:
+def _after(values: Any, lines: IntArray | PlaceArray, start: float) -> Any:
     """Values after each of the lines, and `start` before the first one (-1)."""
-    return np.append(values, start)[lines]
+    found = values[lines]
+    found[lines < 0] = start
+    return found
 
 
 def _line(line: int) -> int | None:

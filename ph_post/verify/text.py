@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
+from ph_post.compiling import compiled
 from ph_post.gcode.program import (
     ARC,
     RAPID,
-    ByteArray,
     CodeArray,
     PartProgram,
     PlaceArray,
@@ -31,9 +31,13 @@ _CENTRES = b"IJK"
 _POWERS = 18
 """The largest power of ten that an int64 holds."""
 
+_TENS: IntArray = 10 ** np.arange(_POWERS + 1)
+"""Powers of ten, as working them out takes long."""
+
 _ROUNDED = 9
 """Decimals that are left of a number with so many that nothing can be added to them."""
 
+_MOST = 1 << 61
 _SAFE = 2.0**61
 """Scaled numbers below this fit an int64 with room for their difference."""
 
@@ -116,23 +120,20 @@ def check_text(case: VerifyCase) -> tuple[WordTable, WordTable]:
 def _looked_at(program: PartProgram, words: WordTable, change: PlaceArray) -> IntArray:
     """Return the rows of the words in changes, of lines with dwells, and of further axes."""
     dwells = words.block[words.g_words(_DWELL)]
-    further = [ord(letter) for letter in program.language.further]
-    inside = change[words.block] != NO_CHANGE
-    return np.flatnonzero(inside | np.isin(words.letter, further) | np.isin(words.block, dwells))
+    further = np.isin(np.arange(256), [ord(letter) for letter in program.language.further])
+    found = (change[words.block] != NO_CHANGE) | further[words.letter]
+    return np.flatnonzero(found | np.isin(words.block, dwells) if dwells.size else found)
 
 
 def _check_part(case: VerifyCase, sides: tuple[_Side, _Side], part: slice, words: tuple[WordTable, WordTable]) -> int:
     """Compare some pairs of lines, of which the words are given; returns how many of those are shifted."""
     original, compensated = case.original, case.compensated
     old, new = case.lines.old[part], case.lines.new[part]
-    pairs = _pair_words(*words, old, new)
-    pairs = pairs.take(_may_shift(case, sides, pairs))
+    pairs = _shifted(case, sides, _pair_words(*words, old, new))
     _check_amounts(case, sides, pairs)
-    old_kept, new_kept = _kept(original, old, words[0], pairs.old), _kept(compensated, new, words[1], pairs.new)
-    if case.lines.ends and old[-1] == original.blocks - 1:
-        text = compensated.text(int(new[-1]))
-        new_kept[new_kept.size - (len(text) - len(text.rstrip(b"\r\n"))) :] = False
-    for place in _differing(old_kept, new_kept, (original, old), (compensated, new)).tolist():
+    chosen = zip(words, (pairs.old, pairs.new), strict=True)
+    spans = tuple((own.start[rows] + np.int32(1), own.end[rows]) for own, rows in chosen)
+    for place in _differing(case, part, spans).tolist():
         first, second = int(old[place]), int(new[place])
         case.findings.add(
             "text",
@@ -160,25 +161,29 @@ def _pair_words(one: WordTable, other: WordTable, old_lines: PlaceArray, new_lin
     return _Pairs(one=one, other=other, old=old, new=new)
 
 
-def _changed(sides: tuple[_Side, _Side], pairs: _Pairs) -> BoolArray:
-    """Mask of words whose numbers are plain in both programs and differ (1.0 and 1. do not)."""
-    one, other = pairs.one, pairs.other
+def _changed(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) -> _Pairs:
+    """Pairs of words of declared axes whose numbers are plain in both programs and differ (1.0 and 1. do not)."""
+    one, other, axes = pairs.one, pairs.other, case.declared.offsets
+    may = np.isin(np.arange(256), [ord(letter) for name in axes for letter in (name, chr(_centre(name)))])
+    # These decide on most words, and the rest is looked up for few.
+    letter = other.letter[pairs.new]
+    different = one.value[pairs.old] != other.value[pairs.new]
+    pairs = pairs.take(np.flatnonzero(may[letter] & (one.letter[pairs.old] == letter) & different))
     plain = (one.decimals[pairs.old] >= 0) & (other.decimals[pairs.new] >= 0)
-    same_letter = one.letter[pairs.old] == other.letter[pairs.new]
     commented = _has_comment(sides[0], one, pairs.old) | _has_comment(sides[1], other, pairs.new)
-    return np.asarray(plain & same_letter & ~commented & (one.value[pairs.old] != other.value[pairs.new]))
+    return pairs.take(np.flatnonzero(plain & ~commented))
 
 
-def _may_shift(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) -> BoolArray:
-    """Find the words that an offset may have changed: those of declared axes, in blocks of motion."""
+def _shifted(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) -> _Pairs:
+    """Pairs of words that an offset may have changed: those of declared axes, in blocks of motion."""
+    pairs = _changed(case, sides, pairs)
     kind = sides[0].kind[pairs.one.block[pairs.old]]
     block, letter = pairs.other.block[pairs.new], pairs.other.letter[pairs.new]
     absolute, centres = _modes(case.compensated, "absolute", block), sides[1].centres[block]
     axis = np.isin(letter, [ord(name) for name in case.declared.offsets])
-    centre = np.isin(letter, [_centre(name) for name in case.declared.offsets]) & centres & (kind == ARC)
+    centre = ~axis & centres & (kind == ARC)
     moving = (kind >= 0) & (sides[1].kind[block] >= 0)
-    changed = _changed(sides, pairs)
-    return np.asarray(changed & moving & ((axis & (absolute | (kind == RAPID))) | centre))
+    return pairs.take(np.flatnonzero(moving & ((axis & (absolute | (kind == RAPID))) | centre)))
 
 
 def _centre(axis: str) -> int:
@@ -193,6 +198,8 @@ def _modes(program: PartProgram, name: str, lines: PlaceArray) -> Any:
 
 def _has_comment(side: _Side, words: WordTable, chosen: IntArray) -> BoolArray:
     """Mask of words with a comment between their letter and their digits."""
+    if not side.comments.size:
+        return np.zeros(chosen.size, dtype=np.bool_)
     first, last = (np.searchsorted(side.comments, ends[chosen]) for ends in (words.start, words.end))
     return np.asarray(first != last)
 
@@ -232,25 +239,37 @@ def _differ_by(
         way = np.abs(other.value[pairs.new] - one.value[pairs.old]) * unit
         return np.asarray(np.any([np.abs(way - step * amount.metres) <= grid for step in steps], axis=0))
     number, places = _as_integer(amount.number)
-    before, after = (  # powers of ten need the whole range
-        words.decimals[chosen].astype(np.int64) for words, chosen in ((one, pairs.old), (other, pairs.new))
-    )
-    decimals = np.maximum(np.maximum(before, after), places)
+    before, after = one.decimals[pairs.old], other.decimals[pairs.new]
+    numbers = one.digits_of(pairs.old), other.digits_of(pairs.new)
     largest = np.maximum(np.abs(one.value[pairs.old]), np.abs(other.value[pairs.new])) + float(amount.number)
-    fits = (decimals <= _POWERS) & (largest * 10.0 ** np.minimum(decimals, _POWERS) < _SAFE)
-    scale = np.where(fits, decimals, _POWERS)
-    rounded = (before > _ROUNDED) & (after == _ROUNDED)
-    with np.errstate(over="ignore"):
-        way = other.digits_of(pairs.new) * 10 ** np.maximum(scale - after, 0)
-        way = np.abs(way - one.digits_of(pairs.old) * 10 ** np.maximum(scale - before, 0))
-        spare = np.where(rounded, 10 ** np.maximum(scale - _ROUNDED, 0) // 2, 0)
-        off = [np.abs(way - step * number * 10 ** (scale - places)) for step in steps]
-        right = fits & (np.min(off, axis=0) <= spare)
+    right, fits = _differ_exactly(*numbers, before, after, largest, np.array(steps), min(number, _MOST), places)
     for place in np.flatnonzero(~fits).tolist():
         way_there = abs(_difference(case, pairs, place))
-        most = Decimal(5).scaleb(-_ROUNDED - 1) if rounded[place] else 0
+        most = Decimal(5).scaleb(-_ROUNDED - 1) if before[place] > _ROUNDED and after[place] == _ROUNDED else 0
         right[place] = min(abs(way_there - step * amount.number) for step in steps) <= most
     return np.asarray(right)
+
+
+@compiled
+def _differ_exactly(
+    one: Any, other: Any, before: Any, after: Any, largest: Any, steps: Any, number: int, places: int
+) -> Any:
+    """Masks (n,) of the numbers that differ by one of the steps of another, and of those that integers can say it of.
+
+    `one` and `other` are digits with `before` and `after` decimals, `number` those of a step, with `places`; `largest`
+    is no less than any of them. Of a number with so many decimals that they were rounded half the last one is spare.
+    """
+    right, fits = np.zeros(one.size, np.bool_), np.zeros(one.size, np.bool_)
+    for n in range(one.size):
+        scale: Any = np.int64(max(before[n], after[n], places))
+        fits[n] = scale <= _POWERS and largest[n] * _TENS[min(scale, _POWERS)] < _SAFE
+        if not fits[n]:
+            continue
+        way = abs(other[n] * _TENS[scale - after[n]] - one[n] * _TENS[scale - before[n]])
+        spare = _TENS[scale - _ROUNDED] // 2 if before[n] > _ROUNDED and after[n] == _ROUNDED else 0
+        for step in steps:
+            right[n] |= abs(way - step * number * _TENS[scale - places]) <= spare
+    return right, fits
 
 
 def _as_integer(number: Decimal) -> tuple[int, int]:
@@ -282,37 +301,41 @@ def _report_word(case: VerifyCase, pairs: _Pairs, place: int, amount: DeclaredLe
     )
 
 
-def _kept(program: PartProgram, lines: PlaceArray, words: WordTable, without: IntArray) -> BoolArray:
-    """Mark the bytes of the lines, from the first to the last of them, without the numbers of some of the words."""
-    starts = program.lines[lines[0] : lines[-1] + 2]
-    kept = np.repeat(as_mask(starts.size - 1, lines - lines[0]), np.diff(starts))
-    if without.size:
-        turns = np.zeros(kept.size + 1, dtype=np.int8)
-        turns[words.start[without] + 1 - starts[0]] += 1
-        turns[words.end[without] - starts[0]] -= 1
-        kept &= np.cumsum(turns[:-1], dtype=np.int8) == 0
-    return kept
+def _differing(case: VerifyCase, part: slice, spans: tuple[tuple[PlaceArray, PlaceArray], ...]) -> IntArray:
+    """Pairs of lines, by place among a part of them, that are not the same but for the numbers at `spans`."""
+    programs, lines = (case.original, case.compensated), (case.lines.old[part], case.lines.new[part])
+    (one, first), (other, second) = (
+        (np.frombuffer(program.data, dtype=np.uint8), np.column_stack([program.lines[own], program.lines[own + 1]]))
+        for program, own in zip(programs, lines, strict=True)
+    )
+    if case.lines.ends and lines[0][-1] == case.original.blocks - 1:
+        text = case.compensated.text(int(lines[1][-1]))
+        second[-1, 1] -= len(text) - len(text.rstrip(b"\r\n"))
+    return np.flatnonzero(_differ(one, first, *spans[0], other, second, *spans[1]))
 
 
-def _bytes_of(kept: BoolArray, program: PartProgram, lines: PlaceArray) -> tuple[ByteArray, IntArray]:
-    """Return the kept bytes of some lines, one after the other, and how many each line has."""
-    starts = program.lines[lines[0] : lines[-1] + 1]
-    size = np.add.reduceat(np.append(kept, False), starts - starts[0], dtype=np.int64)[lines - lines[0]]
-    text = np.frombuffer(program.data, dtype=np.uint8, count=kept.size, offset=int(starts[0]))
-    return text[kept], size
-
-
-def _differing(
-    old_kept: BoolArray,
-    new_kept: BoolArray,
-    old: tuple[PartProgram, PlaceArray],
-    new: tuple[PartProgram, PlaceArray],
-) -> IntArray:
-    """Pairs of lines, by place, whose kept bytes are not the same."""
-    (one, old_size), (other, new_size) = _bytes_of(old_kept, *old), _bytes_of(new_kept, *new)
-    alike = old_size == new_size
-    one = one[np.repeat(alike, old_size)]
-    other = other[np.repeat(alike, new_size)]
-    begins = np.cumsum(old_size[alike]) - old_size[alike]
-    wrong = np.unique(np.searchsorted(begins, np.flatnonzero(one != other), side="right") - 1)
-    return np.union1d(np.flatnonzero(~alike), np.flatnonzero(alike)[wrong])
+@compiled
+def _differ(
+    one: Any, first: Any, starts: Any, ends: Any, other: Any, second: Any, other_starts: Any, other_ends: Any
+) -> Any:
+    """Mask (n,) of the pairs of lines, each from a byte to before another, that differ outside spans in order."""
+    found = np.zeros(first.shape[0], np.bool_)
+    p, q = 0, 0
+    for line in range(first.shape[0]):
+        i, j = np.int64(first[line, 0]), np.int64(second[line, 0])
+        last, other_last = np.int64(first[line, 1]), np.int64(second[line, 1])
+        while p < starts.size and starts[p] < i:
+            p += 1
+        while q < other_starts.size and other_starts[q] < j:
+            q += 1
+        while True:
+            if p < starts.size and i == starts[p]:
+                i, p = np.int64(ends[p]), p + 1
+            elif q < other_starts.size and j == other_starts[q]:
+                j, q = np.int64(other_ends[q]), q + 1
+            elif i < last and j < other_last and one[i] == other[j]:
+                i, j = i + 1, j + 1
+            else:
+                break
+        found[line] = i < last or j < other_last
+    return found

@@ -23,6 +23,12 @@ ROUNDING: Final = 1e-9
 """Part of a period by which a motion may be longer than whole periods."""
 
 
+@inner
+def _gain(push: Array, length: Array, k: int) -> float:
+    """Return by how much the squared speed grows in a block [m²/s²]."""
+    return 2.0 * push[k] * length[k]  # type: ignore[no-any-return]
+
+
 @compiled
 def look_ahead(limit: Array, length: Array, speed: Array, push: Array, joined: BoolArray, depth: int) -> Array:
     """Return the squared speeds at the beginning, in the middle and at the end of blocks; Grbl's and Marlin's way.
@@ -43,27 +49,26 @@ def look_ahead(limit: Array, length: Array, speed: Array, push: Array, joined: B
     """
     count = length.size
     begin, found = limit.copy(), np.empty((count, 3))
-    gain = 2.0 * push * length
     for k in range(count - 1, -1, -1):
         after = begin[k + 1] if k + 1 < count and joined[k + 1] else 0.0
-        begin[k] = min(begin[k], after + gain[k])
+        begin[k] = min(begin[k], after + _gain(push, length, k))
     if depth > 0:
         ahead, last = 0.0, 0
         for k in range(count):
             if not joined[k]:
                 last, ahead = k, 0.0
             while last < min(k + depth, count) and (last == k or joined[last]):
-                ahead += gain[last]
+                ahead += _gain(push, length, last)
                 last += 1
             begin[k] = min(begin[k], ahead)
-            ahead -= gain[k]
+            ahead -= _gain(push, length, k)
     for k in range(count):
         after = 0.0
         if k + 1 < count and joined[k + 1]:
-            after = begin[k + 1] = min(begin[k + 1], begin[k] + gain[k])
+            after = begin[k + 1] = min(begin[k + 1], begin[k] + _gain(push, length, k))
         begin[k] = max(begin[k], 0.0)
         found[k, 0], found[k, 2] = begin[k], after
-        found[k, 1] = min(speed[k] ** 2, 0.5 * (begin[k] + after + gain[k]))
+        found[k, 1] = min(speed[k] ** 2, 0.5 * (begin[k] + after + _gain(push, length, k)))
     return found
 
 
