@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ph_post.gcode.numbers import COMMENT
-from ph_post.gcode.program import ARC, CUBIC, LINE, Motions, PartProgram, WordTable, span_of
+from ph_post.gcode.program import ARC, CUBIC, LINE, RAPID, Motions, PartProgram, WordTable, span_of
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
 from ph_post.verify.crossings import CrossedStretches
@@ -115,6 +115,10 @@ def _check_modes(case: VerifyCase, change: int) -> None:
     rows = np.flatnonzero((old.block >= first) & (old.block < last))
     made = np.flatnonzero((new.block >= new_first) & (new.block < new_last))
     kinds = {*old.kind[rows].tolist(), *new.kind[made].tolist()}
+    added = [other.modal_after(block).compensation for block in range(new_first, new_last)]
+    if {*old.kind[rows].tolist()} == {RAPID} and not any(map(_corrects, [*active[1:], *added])):
+        # What is added behind the rapid that leaves a contour is no part of it.
+        return
     fine = rows.size > 0 and kinds in ({LINE}, {LINE, ARC}) and case.lines.changes.crossed[change]
     if fine and made.size <= _PARTS * rows.size and len(set(active)) == 1:
         side = 1 if str(active[0]).startswith("G41") else -1
