@@ -28,8 +28,8 @@ SMALL: Final = 0.5e-3 * MM
 LEAST: Final = 0.02e-3 * MM
 """Errors of the whole program that differ by less [m] are the same."""
 
-SLACK: Final = 0.005
-"""The time allowed is kept to within this part of the program's time."""
+SLACK: Final = 5e-4
+"""The time allowed is kept to within this part of the program's time, which is known in steps."""
 
 MARGIN: Final = 0.9
 """Part of the slack that another plan is to keep."""

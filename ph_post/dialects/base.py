@@ -74,6 +74,8 @@ class DwellWords(msgspec.Struct, frozen=True, kw_only=True):
         ('0.0204', '21')
         """
         count = seconds / self.unit
+        if count == 0.0:
+            return "0"
         if self.decimals is None:
             return significant_text(count, digits)
         return decimal_text(math.ceil(count * 10**self.decimals - _ROUNDING), self.decimals)

@@ -13,7 +13,7 @@ import numpy as np
 from ph_post.dialects.base import Dialect
 from ph_post.edit import block_words
 from ph_post.edit.block_words import PartWords, fine_decimals
-from ph_post.edit.edits import StopEdit
+from ph_post.edit.edits import SYNCHRONISED, StopEdit, dwell_time
 from ph_post.edit.extrusion import filament_of, with_filament
 from ph_post.edit.motion_edits import MotionEdit, MotionPart
 from ph_post.edit.preconditions import why_kept_whole
@@ -25,10 +25,6 @@ from ph_post.gcode.paths import without_feed
 from ph_post.gcode.program import AXES, RAPID, Modal, PartProgram
 from ph_post.types import BoolArray, IntArray
 from ph_post.units import MINUTE, MM
-
-_LEAST_PAUSE = 1e-6
-"""Dwells that are shorter [s] are rounding."""
-
 
 _FEED_DIGITS = 4
 """Digits of the feeds of crossings and jogs, which are so within a thousandth; blocks of known time have more."""
@@ -503,8 +499,8 @@ class ChangeWriter:
     def _rest(self, pause: float) -> None:
         """Write a dwell, if there is one."""
         assert self._change is not None
-        if pause >= _LEAST_PAUSE:
-            words = self._dialect.dwell_words(pause)
+        if pause >= SYNCHRONISED:
+            words = self._dialect.dwell_words(dwell_time(pause))
             self._change.lines += self._joined(*words).split("\n")
 
     def _digits(self, value: float) -> str:

@@ -12,6 +12,7 @@ from ph_post.compensate.offsets import DWELL, corner_pause
 from ph_post.drive.cascade import response_time
 from ph_post.edit.crossing_ground import LEAST_FEED, CrossingGround, Spots
 from ph_post.edit.crossings import BLENDED, SETTLING
+from ph_post.edit.edits import SYNCHRONISED, dwell_time
 from ph_post.edit.lagging_crossings import RESIDUE
 from ph_post.edit.reversals import (
     BEYOND,
@@ -63,12 +64,13 @@ class CrossingCosts:
             alone = beyond & ~carried
             moves = np.where(beyond, move * (1.0 + alone), standing[jogs])
             cost[jogs] = moves + np.where(alone, ahead, ahead / together[jogs]) + behind / together[jogs]
-            rest = np.maximum(ahead, self._ground.planner.dwell(np.array(DWELL)))
+            rest = np.maximum(ahead, self._ground.planner.dwell(np.array(dwell_time(self.least_rest(axis)))))
             cost[jogs] += np.where(in_place[jogs], standing[jogs] + rest, 0.0)
-        # Axes that cross at a place without a rest do so in one move.
+        # Axes that cross at a place without a rest do so in one move, and so are they taken back behind a cut.
         number, longest = np.zeros(cost.size, dtype=np.int64), np.zeros(count.size)
         number[spots.jog] = place
-        moved = spots.jog & (cost == standing) & (spots.before != 0) & (spots.rows[:, SIGN] != 0.0)
+        moved = spots.jog & (cost == standing) & (spots.before != 0)
+        moved &= (spots.rows[:, SIGN] != 0.0) | ~self._in_air(spots.rows)
         np.maximum.at(longest, number[moved], cost[moved])
         cost[moved] = (longest / np.maximum(np.bincount(number[moved], minlength=count.size), 1))[number[moved]]
         chords = spots.window[:, 2] > 0.0
@@ -120,6 +122,14 @@ class CrossingCosts:
     def _pause(axis: Axis, coarser: float) -> float:
         """Rest before and behind a jog [s]: where the motor lags, until it has arrived; none where time is short."""
         return corner_pause(axis) if response_time(axis.servo) > 0.0 and coarser == 1.0 else 0.0
+
+    def least_rest(self, axis: Axis) -> float:
+        """Return the least rest [s] beside the moves of an axis alone that begin and end a cut.
+
+        Where no joint is rounded and the motor follows at once, all has arrived when the moves are done.
+        """
+        follows = response_time(axis.servo) == 0.0 and isinstance(self._ground.planner, ExactPath)
+        return SYNCHRONISED if follows else DWELL
 
     def in_place(self, rows: Array, column: IntArray, before: IntArray) -> BoolArray:
         """Mask of the changes (n,) for which an axis goes from one side of its backlash to the other, and rests.

@@ -11,7 +11,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate.friction import gentlest_approach
-from ph_post.compensate.offsets import DWELL, make_jog
+from ph_post.compensate.offsets import make_jog
 from ph_post.drive.cascade import response_time
 from ph_post.edit.crossing_costs import CrossingCosts
 from ph_post.edit.crossing_ground import APPROACH, CrossingGround, Spots
@@ -258,19 +258,24 @@ class CrossingSearch:
         # With its power in proportion to the speed over F a beam burns no more in a move at F than along the path.
         steady = bool(ground.beam.works.follows[motion]) and sign != 0.0 and not behind_rapid
         # No faster than it can be on its way: from rest to rest by half of it each.
-        reached = math.sqrt(axis.limits.acceleration * min(map(abs, moves.ways)))
+        reached = [math.sqrt(axis.limits.acceleration * abs(way)) for way in moves.ways]
         velocity = 0.0 if far else float(spots.feed[n])
         if not steady:
-            velocity = self._jog_velocity(axis, moves.ways, velocity, reached)
+            velocity = self._jog_velocity(axis, moves.ways, velocity, min(reached))
         approach = bool(behind_rapid and sign != 0.0)
-        if approach:
-            velocity = min(velocity, gentlest_approach(axis))
+        last = len(moves.ways) - 1
         shifts = tuple(
             OffsetShift(
                 axis=name,
                 travel=way,
-                velocity=min(velocity, math.inf if steady else reached, axis.limits.velocity),
-                pause=moves.behind if place + 1 == len(moves.ways) else moves.between,
+                velocity=min(
+                    # In the air what only leads to where the last move begins may be as fast as it gets.
+                    math.inf if far and place < last else velocity,
+                    gentlest_approach(axis) if approach and place == last else math.inf,
+                    math.inf if steady else reached[place],
+                    axis.limits.velocity,
+                ),
+                pause=moves.behind if place == last else moves.between,
                 whole=sign != 0.0 and spots.before[n] != 0 and not behind_rapid,
             )
             for place, way in enumerate(moves.ways)
@@ -305,7 +310,7 @@ class CrossingSearch:
         ways, ahead = [travel], pause
         if not behind_rapid and (sign == 0.0 or spots.before[n] == 0):
             # Behind the last cut the path rests anyway, and where no rapid led to the first place it has to once.
-            ahead = arrives = pause = max(pause, DWELL)
+            ahead = arrives = pause = max(pause, self._costs.least_rest(self.ground.machine.axes[name]))
             if self._costs.in_place(row[None, :], spots.column[n : n + 1], spots.before[n : n + 1])[0]:
                 # From one side of its backlash to the other the table comes to its place from wherever it was.
                 through = sign * self._lost_motion(name)

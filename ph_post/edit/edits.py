@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby, pairwise
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -15,6 +16,21 @@ from msgspec.structs import replace
 from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE
 from ph_post.types import Array, IntArray, sealed
 from ph_post.units import MM
+
+SYNCHRONISED: Final = 1e-6
+"""A rest [s] that is written as a dwell of no length: a controller that follows the path exactly waits for that until
+all moves before it are done, and some round every other dwell up to many times what a move of an axis takes."""
+
+
+def dwell_time(pause: float) -> float:
+    """Return the time [s] that is written for a rest of `pause` [s].
+
+    Examples
+    --------
+    >>> dwell_time(0.02), dwell_time(SYNCHRONISED)
+    (0.02, 0.0)
+    """
+    return pause if pause > SYNCHRONISED else 0.0
 
 
 class OffsetShift(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,8 +76,13 @@ class StopEdit(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def moves(self) -> list[tuple[OffsetShift, ...]]:
-        """The shifts that are one move each: axes that cross their backlash at one place do so together."""
-        together = self.crosses and len({shift.axis for shift in self.shifts}) == len(self.shifts)
+        """The shifts that are one move each: axes that cross their backlash at one place do so together.
+
+        So do those that are shifted by a part of it between two rests. Behind a rapid each has a move of its own.
+        """
+        apart = self.approach or any(shift.whole for shift in self.shifts)
+        alike = self.crosses or (self.rests and not apart)
+        together = alike and len({shift.axis for shift in self.shifts}) == len(self.shifts)
         return [self.shifts] if together and self.shifts else [(shift,) for shift in self.shifts]
 
     def crosses_in(self, axis: str) -> bool:

@@ -16,7 +16,7 @@ from ph_post.dialects.base import Dialect
 from ph_post.dialects.declaration import Declaration, declaration_lines, has_marks, marked
 from ph_post.edit.block_words import line_end
 from ph_post.edit.changes import Change, ChangeWriter
-from ph_post.edit.edits import EditOptions, Edits, no_offsets
+from ph_post.edit.edits import EditOptions, Edits, dwell_time, no_offsets
 from ph_post.edit.motion_edits import schedule, stops_written
 from ph_post.edit.preconditions import own_setting, program_units, word_decimals
 from ph_post.edit.undo import Payload, payload_lines, restores, without_payload
@@ -377,12 +377,13 @@ def declare(
     decimals = word_decimals(dialect, units)
     tasks = schedule(edits, program.motions, units * 10.0**-decimals)
     count, stops = stops_written(tasks, program.motions)
-    asked = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
+    asked = (pause for stop in stops for pause in (stop.pause, *(shifts[-1].pause for shifts in stop.moves)))
     held = (CUT if working_motions(program, machine.tool).tool == "cutter" else HELD,) if edits.amplitude else ()
     own = set(program.language.further) & set(ROTARY_AXES)
     rotary = np.isin(program.commands.letter, [ord(letter) for letter in own])
     turning = (FIXED,) if rotary.any() else ()
-    pauses = [dialect.syntax.dwell.written(pause, dialect.numbers.feed_digits) for pause in asked if pause > 0.0]
+    digits = dialect.numbers.feed_digits
+    pauses = [dialect.syntax.dwell.written(dwell_time(pause), digits) for pause in asked if pause > 0.0]
     return Declaration(
         version=package_version(),
         digest=program.digest,

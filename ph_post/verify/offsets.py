@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from ph_post.compiling import compiled, read_only
+from ph_post.dialects.planners import planner_of
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, plane_columns
-from ph_post.types import Array, BoolArray, IntArray, Machine
+from ph_post.types import Array, BoolArray, ExactPath, IntArray, Machine
 from ph_post.units import MM, MM_PER_MIN
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
 from ph_post.verify.pairing import EXACT, Pairing, declared_lengths, declared_sides, format_shifts
@@ -168,6 +169,9 @@ def _feeds_with_a_beam(case: VerifyCase, cuts: tuple[IntArray, IntArray], jogs: 
 _ANGLE = 1e-9
 """Angles [rad] that differ by no more are the same."""
 
+_TURN = 0.01
+"""Nor do rounded places turn an arc by more [rad], however small it is."""
+
 _RELATIVE = 1e-9
 """Feeds that differ by no more of themselves are the same."""
 
@@ -220,11 +224,15 @@ def _bent(case: VerifyCase, pairing: Pairing) -> BoolArray:
     one, other = case.original.motions, case.compensated.motions
     both = np.flatnonzero((one.kind[pairing.old] == ARC) & (other.kind[pairing.new] == ARC))
     old, new = pairing.old[both], pairing.new[both]
-    shift = np.take_along_axis(pairing.after[new], plane_columns(one.plane[old])[:, :2], axis=1)
+    columns = plane_columns(one.plane[old])[:, :2]
+    shift = np.take_along_axis(pairing.after[new], columns, axis=1)
+    radius = np.linalg.norm(np.take_along_axis(one.start[old], columns, axis=1) - one.center[old], axis=1)
+    # The last decimals of a place turn the end of a small arc.
+    same = np.maximum(_ANGLE, EXACT / np.maximum(radius, EXACT / _TURN))
     wrong = np.zeros(pairing.old.size, dtype=bool)
     wrong[both] = (
         (one.plane[old] != other.plane[new])
-        | (np.abs(one.angle[old] - other.angle[new]) > _ANGLE)
+        | (np.abs(one.angle[old] - other.angle[new]) > same)
         | np.any(np.abs(other.center[new] - shift - one.center[old]) > EXACT, axis=1)
     )
     return wrong
@@ -393,6 +401,14 @@ def check_known(case: VerifyCase, pairing: Pairing) -> None:
             f"{AXES[place % 3]} is moved from where its position is not known",
             compensated=int(case.compensated.motions.block[first]),
         )
+
+
+def check_standstills(case: VerifyCase, dwells: Dwells, machine: Machine) -> None:
+    """Check that no dwell of no length is to hold moves apart on a controller that rounds joints."""
+    if isinstance(planner_of(machine), ExactPath):
+        return
+    for block in dwells.block[dwells.duration == 0.0].tolist():
+        case.findings.add("jog", "the controller may round the moves about a dwell of no length", compensated=block)
 
 
 def check_stops(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> None:

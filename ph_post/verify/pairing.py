@@ -154,19 +154,25 @@ def _pairs(
 
 
 def _find_jogs(case: VerifyCase, change: PlaceArray, dwells: Dwells) -> BoolArray:
-    """Straight moves in changes, between two added dwells, of one declared axis, by a declared amount."""
+    """Straight moves in changes, between two added dwells, of declared axes, each by a declared amount.
+
+    A take-up move is one of a single axis; with a change of the offset others may be changed as well.
+    """
     motions = case.compensated.motions
     straight = np.flatnonzero((motions.kind == LINE) & (change != NO_CHANGE))
     start, end = motions.start[straight], motions.end[straight]
     # What comes from where it is not known moves some way, however short the others' are.
     way = np.where(np.isnan(end), 0.0, np.where(np.isnan(start), np.inf, np.abs(end - start)))
-    enough = dwells.duration >= (1.0 - _ROUNDING) * min(_LEAST, case.declared.dwell or _LEAST)
+    least = _LEAST if case.declared.dwell is None else case.declared.dwell
+    enough = dwells.duration >= (1.0 - _ROUNDING) * min(_LEAST, least)
     long = Dwells(block=dwells.block[enough], duration=dwells.duration[enough])
     ahead, behind = dwell_beside(motions.block, change, long, case.lines)
-    jog = np.zeros(change.size, dtype=bool)
+    jog, still, fitting = np.zeros(change.size, dtype=bool), way <= EXACT, np.zeros(way.shape, dtype=bool)
     for axis, (offset, pulse) in declared_lengths(case.declared).items():
         alone = np.all(np.delete(way, axis, axis=1) <= EXACT, axis=1)
         jog[straight] |= alone & is_declared(way[:, axis], offset, pulse)
+        fitting[:, axis] = is_declared(way[:, axis], offset, 0.0)
+    jog[straight] |= np.all(still | fitting, axis=1) & fitting.any(axis=1)
     return np.asarray(jog & ahead & behind)
 
 

@@ -28,6 +28,7 @@ from ph_post.verify.offsets import (
     check_known,
     check_pairs,
     check_returns,
+    check_standstills,
     check_stops,
 )
 from ph_post.verify.pairing import pair_motions
@@ -234,3 +235,4 @@ def _compare(case: VerifyCase, machine: Machine | None) -> None:
     check_leads(case, found.take(led), machine)
     if machine is not None:
         check_jogs(case, pairing.jog | crossings.at_corner, machine)
+        check_standstills(case, dwells, machine)

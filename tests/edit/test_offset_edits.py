@@ -9,12 +9,11 @@ import pytest
 from msgspec.structs import replace
 from support.editing import ENOUGH, compensate
 
-from ph_post.compensate.offsets import DWELL
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.crossing_ground import APPROACH
 from ph_post.edit.crossings import ERROR
-from ph_post.edit.edits import EditOptions, Edits, OffsetShift
+from ph_post.edit.edits import SYNCHRONISED, EditOptions, Edits, OffsetShift, dwell_time
 from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.preconditions import written_offsets
 from ph_post.errors import InputError
@@ -101,8 +100,10 @@ def test_no_move_of_one_axis_is_followed_by_a_dwell_where_motors_do_not_lag() ->
     assert {stop.pause for stop in inside} == {0.0}
     assert {shift.pause for stop in inside for shift in stop.shifts} == {0.0}
     # Behind the last cut the path rests anyway: its end is not rounded off by the way back to no offset.
-    assert (last.motion, last.share, last.pause) == (4, 1.0, DWELL)
-    assert [(shift.axis, shift.pause) for shift in last.shifts] == [("X", DWELL), ("Y", DWELL)]
+    # A controller that follows the path exactly waits for its moves at a dwell of no length.
+    assert (last.motion, last.share, dwell_time(last.pause)) == (4, 1.0, 0.0)
+    assert [(shift.axis, shift.pause) for shift in last.shifts] == [("X", SYNCHRONISED), ("Y", SYNCHRONISED)]
+    assert last.moves == [last.shifts]
 
 
 def test_a_rest_behind_the_last_cut_is_not_needed_behind_a_rapid() -> None:

@@ -380,11 +380,16 @@ def test_feeds_of_few_decimals_are_rounded_down() -> None:
     )
     axes = {name: replace(axis, gap=axis.gap.with_lost_motion(5e-5)) for name, axis in STEPPER.axes.items()}
     found = compensate((text + "M30\n%\n").encode(), replace(STEPPER, dialect="fanuc", axes=axes), dialect="fanuc")
-    feeds = [float(one) for one in re.findall(r"G1 [XY][-.\d]+ F([.\d]+)", found.text.decode())]
-    most = [
-        # Half of the way is run up, and half down.
-        math.sqrt(axes[name].limits.acceleration * way * 25.4e-3 / 2.0) / 25.4e-3 * 60.0
-        for name in "XY"
-        for way in (0.004, 0.002)
-    ]
-    assert {*feeds} - {3.0, 10.0} == {math.floor(100.0 * one) / 100.0 for one in most}
+    written = found.text.decode()
+    alone, together = (
+        {float(one) for one in re.findall(words + r" F([.\d]+)", written)} - {3.0, 10.0}
+        for words in (r"G1 [XY][-.\d]+", r"G1 X[-.\d]+ Y[-.\d]+ Z[-.\d]+")
+    )
+
+    def most(name, way):
+        """Largest feed of a move of an axis: half of its way is run up, and half down."""
+        return math.sqrt(axes[name].limits.acceleration * way * 25.4e-3 / 2.0) / 25.4e-3 * 60.0
+
+    assert alone == {math.floor(100.0 * most(*one)) / 100.0 for one in (("X", 0.004), ("X", 0.002), ("Y", 0.004))}
+    # All are taken back in one move beside a cut, as fast as Z can be on its way, which is twice that of X and Y.
+    assert together == {math.floor(100.0 * math.sqrt(1.5) * math.sqrt(2.0) * most("Z", 0.002)) / 100.0}

@@ -178,6 +178,48 @@ def test_jogs_keep_the_limits_of_the_machine(tmp_path):
     assert kinds(judged(*for_machine(machine, HUNK.replace("F400", "F426")), machine)) == ["limits"]
 
 
+def test_dwells_of_no_length_hold_moves_apart_where_no_joint_is_rounded(tmp_path):
+    """Grbl waits for such a dwell until its moves are done; LinuxCNC may blend them."""
+    for dialect, found in (("grbl", []), ("linuxcnc", ["jog"] * 4)):
+        machine = bench(tmp_path, dialect=("linuxcnc", dialect))
+        original, longer = for_machine(machine)
+        compensated = longer.replace(b"P0.01", b"P0").replace(b"dwell 0.01 s", b"dwell 0 s")
+        assert kinds(judged(original, compensated, machine)) == found
+        assert "jog" in kinds(judged(original, longer.replace(b"P0.01", b"P0"), machine))
+
+
+SLANTED = "G21 G90 G94\nG0 X0 Y0\nG1 X10 Y5 F600\nM2\n"
+
+
+@pytest.mark.parametrize(
+    ("back", "found"), [("X10 Y5", []), ("X10", ["return"]), ("X10 Y5.01", ["return"]), ("X10.01 Y5", ["return"])]
+)
+def test_axes_are_shifted_in_one_move_each_by_what_is_declared(back, found):
+    text = (
+        "{header}G21 G90 G94\nG0 X0.025 Y0.02\nG1 X10.025 Y5.02 F600\n(ph-post: +4 -0 X to 0, Y to 0)\n"
+        f"G4 P0.01\nG1 {back} F200\nG4 P0.01\nF600\nM2\n"
+    )
+    declared = ("(ph-post: offset X 0.025 mm)\n(ph-post: offset Y 0.02 mm)",)
+    verdict = judged(*headed(SLANTED, text, *declared, stops=1, dips=0))
+    assert verdict.ok == (not found)
+    assert set(found) <= set(kinds(verdict))
+
+
+def test_the_last_decimals_turn_the_end_of_a_small_arc():
+    """What is written has 9 of the 16 decimals of a program: the arc of 0.04 mm is the same to 1e-9 m."""
+    original = (
+        "G21 G90 G94\nG0 X2 Y1\nG1 X1.041240014362511 Y1.5503744693637969 F600\n"
+        "G3 X1.0 Y1.5174285503286316 I-0.001422245084532571 J-0.040719246019114363\nG1 Y1.3\nM2\n"
+    )
+    shifts = {"X2 ": "X1.975 ", "X1.041240014362511": "X1.016240014", "X1.0 ": "X0.975 "}
+    moved = "{header}" + original.replace("M2", "(ph-post: +4 -0 X to 0)\nG4 P0.01\nG1 X1 F200\nG4 P0.01\nF600\nM2")
+    for old, new in shifts.items():
+        moved = moved.replace(old, new)
+    for text, same in ((moved, True), (moved.replace("X0.975 Y1.51742855", "X0.975 Y1.51743855"), False)):
+        pair = headed(original, text, "(ph-post: offset X 0.025 mm)", stops=1, dips=0)
+        assert judged(*pair).ok == same
+
+
 def test_the_declaration_is_held_to_the_machine(tmp_path):
     machine = bench(tmp_path)
     original, compensated = for_machine(machine)
