@@ -37,7 +37,7 @@ def _at(control: np.ndarray, u: np.ndarray) -> np.ndarray:
 def test_a_spline_is_divided_where_an_axis_turns() -> None:
     text = b"G21 G90 G17 F600\nG0 X0 Y0\nG5 X0 Y30 I20 J10 P20 Q-10\nM2\n"
     found = compensate(text, read_machine("stepper"), dialect="grblhal").text.decode()
-    before, across, behind = re.findall(r"^(G5 .*|G1 X.* Y.*)$", found, re.MULTILINE)
+    before, across, behind, back = re.findall(r"^(G5 .*|G1 X.* Y.*)$", found, re.MULTILINE)
     first = dict(re.findall(r"([XYIJPQ])([-\d.]+)", before))
     # The part up to u begins with u of the first leg and ends with u of a third of the derivative there.
     control, u = np.array([[0.0, 0.0], [20.0, 10.0], [20.0, 20.0], [0.0, 30.0]]), float(first["I"]) / 20.0
@@ -49,6 +49,7 @@ def test_a_spline_is_divided_where_an_axis_turns() -> None:
     assert numbers == pytest.approx([*(u * one), *-last, *shifted], abs=2e-4)
     assert across.startswith(f"G1 X{float(first['X']) - 0.06:.4f} Y{30.08 - float(first['Y']):.3f}")
     assert behind == f"G5 X-0.03 Y30.04 I{first['P']} J{-float(first['Q'])} P{first['I']} Q-{first['J']} F600"
+    assert back.startswith("G1 X0 Y30 F")
     assert max(map(len, found.splitlines())) <= DIALECT.syntax.max_line
     grbl = compensate(text, read_machine("stepper"), dialect="grbl")
     assert "no G5" in grbl.edits.warnings[0]
