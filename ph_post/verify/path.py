@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.compiling import compiled, inner
-from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, Motions, PartProgram, plane_columns
+from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, Motions, PartProgram, PlaceArray, plane_columns
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
@@ -282,22 +282,22 @@ def _original_line(case: VerifyCase, pairing: Pairing, motion: int) -> int | Non
     return None
 
 
-def swings_of(motions: Motions, axis: int) -> tuple[Array, Array, Array, Array]:
-    """Motion of an axis on arcs: middle [m], radius [m], where it begins and how far it goes.
+def swings_of(motions: Motions, axis: int) -> tuple[PlaceArray, Array, Array, Array, Array]:
+    """Motion of an axis on arcs: number of the arc of each motion, -1 of others, and of each arc how the axis swings.
 
-    The last two in half turns from where the axis is farthest; radius 0 where the axis does not swing.
+    That is the middle [m], the radius [m], 0 where the axis does not swing, where it begins and how far it goes, in
+    half turns from where the axis is farthest.
     """
-    # Zeros that nothing is written to take no memory.
-    middle, radius, begin, sweep = (np.zeros(motions.kind.size) for _ in range(4))
     arcs = np.flatnonzero(motions.kind == ARC)
+    number = np.full(motions.kind.size, -1, dtype=np.int32)
+    number[arcs] = np.arange(arcs.size)
     columns = plane_columns(motions.plane[arcs])
     spoke = np.take_along_axis(motions.start[arcs], columns[:, :2], axis=1) - motions.center[arcs]
     second = columns[:, 1] == axis
-    middle[arcs] = motions.center[arcs, second.astype(np.int64)]
-    radius[arcs] = np.nan_to_num(np.where(columns[:, 2] != axis, np.hypot(*spoke.T), 0.0))
-    begin[arcs] = np.arctan2(spoke[:, 1], spoke[:, 0]) / math.pi - 0.5 * second
-    sweep[arcs] = motions.angle[arcs] / math.pi
-    return middle, radius, begin, sweep
+    middle = motions.center[arcs, second.astype(np.int64)]
+    radius = np.nan_to_num(np.where(columns[:, 2] != axis, np.hypot(*spoke.T), 0.0))
+    begin = np.arctan2(spoke[:, 1], spoke[:, 0]) / math.pi - 0.5 * second
+    return number, middle, radius, begin, motions.angle[arcs] / math.pi
 
 
 @inner
@@ -309,8 +309,8 @@ def _visit(x: float, spot: Any) -> None:
 
 @inner
 def _visit_turns(k: int, sign: int, shift: float, swings: Any, spot: Any) -> None:
-    """Visit the places inside an arc at which the axis turns, in order."""
-    middle, radius, begin, sweep = swings
+    """Visit the places inside arc `k` at which the axis turns, in order."""
+    _, middle, radius, begin, sweep = swings
     step = 1.0 if sweep[k] > 0.0 else -1.0
     n = math.floor(begin[k]) + 1.0 if sweep[k] > 0.0 else math.ceil(begin[k]) - 1.0
     while (n - begin[k] - sweep[k]) * step < 0.0:
@@ -330,8 +330,8 @@ def _reverse_travel(sign: SignArray, chain: IntArray, ends: Any, shift: Any, swi
         Number of the chain, ``_SKIP`` for jogs, ``_ANEW`` in crossings.
     ends, shift : tuple of ndarray, shape (k,)
         Position at start and end [m], and what is added there.
-    swings : tuple of ndarray, shape (k,)
-        Middle, radius, begin and sweep of arcs.
+    swings : tuple of ndarray
+        Of :func:`swings_of`.
     curve : tuple
         Positions along splines [m], and where those of each motion begin (k + 1,).
     """
@@ -348,8 +348,9 @@ def _reverse_travel(sign: SignArray, chain: IntArray, ends: Any, shift: Any, swi
             spot[0], latest, its_chain = -math.inf, sign[k], chain[k]
         spot[1] = 0.0
         _visit(sign[k] * (ends[0][k] - shift[0][k]), spot)
-        if swings[1][k] > 0.0:
-            _visit_turns(k, sign[k], shift[1][k], swings, spot)
+        arc = swings[0][k]
+        if arc >= 0 and swings[2][arc] > 0.0:
+            _visit_turns(arc, sign[k], shift[1][k], swings, spot)
         for n in range(first[k], first[k + 1]):
             _visit(sign[k] * (places[n] - shift[1][k]), spot)
         _visit(sign[k] * (ends[1][k] - shift[1][k]), spot)

@@ -125,14 +125,14 @@ def possible_sides(ends: Any, chain: Any, swings: Any, sides: Any) -> Array:
         Positions of the axis at start and end [m].
     chain : IntArray, shape (k,)
         Number of the chain of each motion.
-    swings : tuple of Array, shape (k,)
-        Middle, radius, begin and sweep of arcs, as in :mod:`ph_post.verify.path`.
+    swings : tuple of Array
+        Of :func:`ph_post.verify.path.swings_of`.
     sides : tuple of float
         What it is ahead while it moves to minus, and to plus [m].
     """
     out = np.empty((chain.size, 2))
     low, high = sides[0], sides[1]
-    middle, radius, begin, sweep = swings
+    number, middle, radius, begin, sweep = swings
     for k in range(chain.size):
         if k == 0 or chain[k] != chain[k - 1]:
             low, high = sides[0], sides[1]
@@ -141,11 +141,12 @@ def possible_sides(ends: Any, chain: Any, swings: Any, sides: Any) -> Array:
         if math.isnan(at) or math.isnan(end):
             low, high = (low, high) if math.isnan(end) else (sides[0], sides[1])
             continue
-        if radius[k] > 0.0:
-            step = 1.0 if sweep[k] > 0.0 else -1.0
-            n = math.floor(begin[k]) + 1.0 if sweep[k] > 0.0 else math.ceil(begin[k]) - 1.0
-            while (n - begin[k] - sweep[k]) * step < 0.0:
-                there = middle[k] + (radius[k] if n % 2.0 == 0.0 else -radius[k])
+        arc = number[k]
+        if arc >= 0 and radius[arc] > 0.0:
+            step = 1.0 if sweep[arc] > 0.0 else -1.0
+            n = math.floor(begin[arc]) + 1.0 if sweep[arc] > 0.0 else math.ceil(begin[arc]) - 1.0
+            while (n - begin[arc] - sweep[arc]) * step < 0.0:
+                there = middle[arc] + (radius[arc] if n % 2.0 == 0.0 else -radius[arc])
                 low = min(max(low + there - at, sides[0]), sides[1])
                 high = min(max(high + there - at, sides[0]), sides[1])
                 at = there

@@ -95,6 +95,9 @@ def verify(
         return findings.verdict()
     if machine is not None:
         _check_machine(declared, machine, findings)
+    # Their words are looked at a part of the lines at a time.
+    original.source.let_go()
+    compensated.source.let_go()
     lines = pair_lines(original, compensated, declared, findings)
     if lines is not None:
         bound = tolerance
@@ -198,8 +201,6 @@ def _check_machine(declared: DeclaredChanges, machine: Machine, findings: Findin
 
 def _compare(case: VerifyCase, machine: Machine | None) -> None:
     """Compare text, state, motion and feed, line by line of the alignment."""
-    case.original.source.let_go()
-    case.compensated.source.let_go()
     words = check_text(case)
     check_states(case)
     check_breaks(case)

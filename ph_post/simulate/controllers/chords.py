@@ -8,7 +8,7 @@ ends where the program says.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -286,7 +286,18 @@ def without_places(blocks: StraightBlocks) -> StraightBlocks:
 
 def join_blocks(parts: list[StraightBlocks]) -> StraightBlocks:
     """Put the blocks of parts of a program, at least one, one behind the other; the list is emptied."""
-    # Column by column, so that the parts and the whole are not both there.
+    # Column by column and part by part, so that the parts and the whole are not both there.
     columns = [list(column) for column in zip(*parts, strict=True)]
     parts.clear()
-    return StraightBlocks(*(np.concatenate(columns.pop(0)) for _ in StraightBlocks._fields))
+    return StraightBlocks(*(_joined(columns.pop(0)) for _ in StraightBlocks._fields))
+
+
+def _joined(parts: list[Any]) -> Any:
+    """Put parts one behind the other; the list is emptied."""
+    at = sum(map(len, parts))
+    whole = np.empty((at, *parts[0].shape[1:]), dtype=parts[0].dtype)
+    while parts:
+        part = parts.pop()
+        whole[at - len(part) : at] = part
+        at -= len(part)
+    return whole
