@@ -32,6 +32,9 @@ _SEMICOLON = b"; "
 _LEADING = 8
 """The header begins on one of the first lines."""
 
+_ANY = r"([-+]?\d*\.?\d+(?:e[-+]?\d+)?)"
+"""A number in any notation."""
+
 _KNOWN = {
     "original": re.compile(r"original sha256 ([0-9a-f]{64})", re.IGNORECASE),
     "machine": re.compile(r"machine (.*), sha256 ?([0-9a-f]*)", re.IGNORECASE),
@@ -43,10 +46,10 @@ _KNOWN = {
     "crossings": re.compile(r"(\d+) crossings?, up to (\d*\.?\d+) mm long, within (\d*\.?\d+) mm", re.IGNORECASE),
     "led": re.compile(r"(\d+) stretches led, up to (\d*\.?\d+) mm from the path", re.IGNORECASE),
     "dwell": re.compile(
-        r"dwell ([-+.\de]+) s, decimals (\d+), chord tolerance ([-+.\de]+) mm, block time ([-+.\de]+) ms.*",
+        rf"dwell {_ANY} s, decimals (\d+), chord tolerance {_ANY} mm, block time {_ANY} ms.*",
         re.IGNORECASE,
     ),
-    "dwells": re.compile(r"dwells up to ([.\d]+) s, ([.\d]+) s in all", re.IGNORECASE),
+    "dwells": re.compile(r"dwells up to (\d*\.?\d+) s, (\d*\.?\d+) s in all", re.IGNORECASE),
     "units": re.compile(r"units (mm|inch)", re.IGNORECASE),
     "dialect": re.compile(r"dialect (\S+)", re.IGNORECASE),
     "command": re.compile(r"command (M425 F0)"),

@@ -38,6 +38,7 @@ BRACKET = {
     "number of stops is wrong": ("3 stops", "2 stops", "count"),
     "dips not declared": ("1 dips", "0 dips", "count"),
     "number of stops is not told": ("(ph-post: 3 stops, 1 dips)\n", "", "header"),
+    "the declared dwell is no number": ("dwell 0.01 s, decimals", "dwell -.- s, decimals", "header"),
     "undo lines out of order": ("undo 1/2 QUJD", "undo 2/2 QUJD", "header"),
     "an undo line is lost": ("(ph-post: undo 1/2 QUJD)\n", "", "header"),
     # Text outside changes
