@@ -74,7 +74,8 @@ def _follow(motor: Any, first: Any, sides: Any, start: Any, spare: Any) -> Any:
     for k in range(first.size - 1):
         for a in range(3):
             table[a] = motor[first[k], a] - start[k, a]
-            side[a] = _side_of(start[k, a], sides[k, a], spare[k])
+            # A motor that has come back a little, as behind the lowest point of an arc, is on its side all the same.
+            side[a] = _side_of(start[k, a], sides[k, a], math.inf)
             points[n, a] = table[a]
         owner[n], place[first[k]] = first[k], n
         n += 1

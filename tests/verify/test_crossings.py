@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache
 from hashlib import sha256
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -20,6 +21,7 @@ from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
 from ph_post.gcode.read import read_program
 from ph_post.units import MM
+from ph_post.verify.play import follow_play
 from ph_post.verify.verify import verify
 
 TOLERANCE = 0.005 * MM
@@ -473,3 +475,16 @@ def test_a_rapid_before_an_approach_may_stand_outside_its_change():
     assert "offset" in kinds(far)
     short = judged(original, apart.replace("G0 X-14.2021", "G0 X-14.1571"))
     assert "pulse" in kinds(short)
+
+
+@pytest.mark.parametrize(("ahead", "turned"), [(0.0, 1), (0.001, 1), (0.02, 0)])
+def test_a_motor_that_came_back_a_little_is_on_its_side(ahead, turned):
+    """Behind the lowest point of an arc Z is 1 µm off its side: what crosses the rest of its backlash is a crossing.
+
+    The table stands still until the motor has come to the other side, by the play operator of the tests.
+    """
+    sides = np.array([[[0.0, 0.0], [0.0, 0.0], [0.0, 0.05]]]) * MM
+    motor = np.array([[0.0, 0.0, -0.6], [1.0, 0.0, -0.6 + 0.05 - ahead], [1.0, 0.0, -0.5]]) * MM
+    way = follow_play(motor, np.array([0, 3]), sides, np.array([[0.0, 0.0, ahead]]) * MM, np.array([1e-4 * MM]))
+    assert way.turned[:, 2].tolist() == [0, turned, 0]
+    assert way.points[way.place, 2] == pytest.approx(np.array([-0.6 - ahead, -0.6 - ahead, -0.55]) * MM)
