@@ -195,6 +195,10 @@ class CascadeBody:
                 self._leaves(t)
             after = self._stepped(t, h)
             left = self._ends(after)
+            if left == 1.0 and self.mode == SLIP:
+                # It pushed hard enough for an instant only: it rests, and its integrator and its current go on.
+                self.mode, self.way = REST, 0
+                after, left = self._stepped(t, h), -1.0
             if left < 0.0:
                 self.y = after
                 break
