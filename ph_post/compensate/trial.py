@@ -224,8 +224,8 @@ class Trial:
 
     def run(self, design: Design) -> TrialResult:
         """Simulate a design in every scenario."""
-        lead, command, speed = self._command(design)
-        counted = int(0.5 * lead / self.period)
+        steady, command, speed = self._command(design)
+        counted, most = (int(0.5 * duration / self.period) for duration in steady)
         path = command.position[0] if command.offset is None else command.position[0] - command.offset[0]
         traces = [
             AxisCommand(np.ascontiguousarray(column), float(place), float(pace))
@@ -237,17 +237,21 @@ class Trial:
         return TrialResult(
             error=np.array([np.abs(error).max() for error in errors]),
             rms=np.array([np.sqrt(np.mean(error * error)) for error in errors]),
-            use=self._use(command),
+            use=self._use(command, slice(counted, len(command.t) - most)),
             longer=0.0 if shape is None else 2.0 * design.t_star * (1.0 - shapes.mean(shape)),
             slowest=self.place.cruise * (1.0 if shape is None else shapes.lowest(shape)),
         )
 
-    def _command(self, design: Design) -> tuple[float, Command, Array]:
-        """Duration of the lead [s], the command, and the speed of the path's points (n, dim)."""
+    def _command(self, design: Design) -> tuple[tuple[float, float], Command, Array]:
+        """Return times before and behind all that happens [s], the command, and the speed of the path (n, dim)."""
         profile = self._profile(design)
         place, way = self.place, 2.0 * profile.s_star
-        lead = self._cut(LEAD, place.before - way * profile.turn)
+        events = (*design.crossings, *design.friction)
+        early = max(max((-one.start for one in events), default=0.0) - profile.t_star, 0.0)
+        late = max(max((one.end for one in events), default=0.0) - profile.t_star, 0.0)
+        lead = self._cut(LEAD, place.before - way * profile.turn, early)
         tail = self._cut(TAIL, place.behind - way * (1.0 - profile.turn))
+        steady = max(lead - early, 0.0), max(tail - late, 0.0)
         rows = max(round((lead + 2.0 * profile.t_star + tail) / self.period), LEAST) + 1
         t = np.arange(rows, dtype=np.float64) * self.period
         since: Array = t - (lead + profile.t_star)
@@ -269,7 +273,7 @@ class Trial:
         middle = lead + profile.t_star
         crossings = [msgspec.structs.replace(one, start=one.start + middle) for one in design.crossings]
         if not crossings and not design.lead:
-            return lead, plain, speed
+            return steady, plain, speed
         bias: dict[str, float] = {}
         if crossings:
             axes = ((name, self.sized.axes[name]) for name in self.axes)
@@ -285,7 +289,8 @@ class Trial:
             changes=tuple(msgspec.structs.replace(one, start=one.start + middle) for one in design.friction),
         )
         offset = Offsets(crossings=tuple(crossings), bias=bias, lead=design.lead, fade=False, friction=friction)
-        return lead, add_offsets(plain, speed, acceleration, self.machine, offset), speed
+        led = add_offsets(plain, speed, acceleration, self.machine, offset)
+        return steady, led, speed
 
     def _profile(self, design: Design) -> FeedProfile:
         """Lay the shape at the cruising feed; without one, a profile of constant feed."""
@@ -302,9 +307,12 @@ class Trial:
             turn=design.turn,
         )
 
-    def _cut(self, constants: float, room: float) -> float:
-        """Duration of lead or tail [s], as long as wanted where the path has room for it."""
-        wanted = max(constants * self.constant, LEAST * self.period)
+    def _cut(self, constants: float, room: float, early: float = 0.0) -> float:
+        """Duration of lead or tail [s], as long as wanted where the path has room for it.
+
+        Something begins `early` [s] before the profile.
+        """
+        wanted = max(constants * self.constant, LEAST * self.period) + early
         return max(min(wanted, room / self.place.cruise), 0.0)
 
     def _error(self, traces: Sequence[AxisCommand], velocity: Array, s: Array, plants: Sequence[Plant]) -> Array:
@@ -325,10 +333,13 @@ class Trial:
         pairs = zip(plants, tables.items(), strict=True)
         return np.stack([read_table(one, cold, table, tables) for one, (_, table) in pairs], axis=1)
 
-    def _use(self, command: Command) -> float:
-        """Largest part of a limit that a command takes; jogs keep theirs, as the path rests meanwhile."""
+    def _use(self, command: Command, counted: slice) -> float:
+        """Largest part of a limit that a command takes; jogs keep theirs, as the path rests meanwhile.
+
+        Only some rows are `counted`: what leads the path does not know the motion before and behind them all.
+        """
         jogged = command.jogged
-        position = command.position if jogged is None else command.position - jogged
+        position = (command.position if jogged is None else command.position - jogged)[counted]
         use = max(float(usage(position, self.limits, order, 0.0).max()) for order in (1, 2, 3))
         return max(use if jogged is None else use / FULL_STOP, self._motor_use(command))
 
