@@ -9,7 +9,16 @@ from typing import Final
 
 import msgspec
 
-from ph_post.compensate.crossing_times import MOST, crossing_at_turn, shortest_crossing, turning_acceleration
+from ph_post.compensate.crossing_times import (
+    MOST,
+    NO_REST,
+    Rest,
+    crossing_at_turn,
+    has_moved,
+    rest_before,
+    shortest_crossing,
+    turning_acceleration,
+)
 from ph_post.compensate.families import BARE, DesignFamily, ReversalCase, jogs_last
 from ph_post.compensate.friction import friction_of, friction_of_machine
 from ph_post.compensate.friction_layout import first_step
@@ -105,6 +114,8 @@ def choose(task: PlanningTask, *choices: Choice, offsets: bool, lead: bool, race
         rivals += [chooser.propose([[one for one in own if not one.design.stop] for own in merged])]
     if chooser.pushing > LITTLE * task.allowed:
         rivals += [chooser.propose(merged, pushes_first=not chooser.pushes_first)]
+    if result.carries and chooser.rests_inside:
+        rivals += [msgspec.structs.replace(result, carries=False)]
     return msgspec.structs.replace(result, rivals=(*rivals, *chooser.smooth_offsets()))
 
 
@@ -158,6 +169,12 @@ class _Chooser:
         self.pushes_first = self._as_approach(self.pushing) > 0.0
         pairs = zip(self.places, self.reversing, strict=True)
         self.active = max(sum(place is not None and bool(drives) for place, drives in pairs), 1)
+
+    @property
+    def rests_inside(self) -> bool:
+        """Return whether an axis whose gap is inside its loop rests before it turns back anywhere."""
+        axes = self.task.machine.axes
+        return any(one.kind == "dwell" and axes[one.axis].loop.encloses_backlash for one in self.task.turning_points)
 
     @property
     def _turned(self) -> tuple[str, ...]:
@@ -246,6 +263,7 @@ class _Chooser:
             shifted=self._behind(),
             winds_up=self.winding > 0.0,
             pushes_first=pushes_first,
+            carries=not self.written and self.offsets,
             friction_part=1.0 if self.friction else 0.0,
             friction_first=self.friction_first,
             crosses_by=BARE.name,
@@ -378,9 +396,14 @@ class _Chooser:
         if self.written:
             return tuple(whole_jog(axis, direction, 0.0) for axis, direction in drives if may_shift(axis))
         turning = self._turning(number, self.task.feed.at(self.task.windows[number].s))
+        rests = self._rests(number)
         return tuple(
             crossing_at_turn(
-                axis, direction, times * shortest_crossing(axis, self.lead, self.period, MOST), turning[axis.name]
+                axis,
+                direction,
+                times * shortest_crossing(axis, self.lead, self.period, MOST),
+                turning[axis.name],
+                rests[axis.name],
             )
             for axis, direction in drives
             if not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0
@@ -390,6 +413,16 @@ class _Chooser:
         """Acceleration with which each axis turns back at a window [m/s²]."""
         members = (self.task.turning_points[k] for k in self.task.windows[number].members)
         return {point.axis: turning_acceleration(point, feed) for point in members}
+
+    def _rests(self, number: int) -> dict[str, Rest]:
+        """Return when each axis may be moved while it rests before it turns back at a window."""
+        points, found = self.task.turning_points, {}
+        for point in (points[k] for k in self.task.windows[number].members):
+            axis = self.task.machine.axes[point.axis]
+            # Inside a loop a motor is carried from a side that is known.
+            sure = not axis.loop.encloses_backlash or has_moved(self.track, points, point)
+            found[point.axis] = rest_before(self.track, point, axis, self.lead) if sure else NO_REST
+        return found
 
     def _may_rest(self, drives: Drives) -> bool:
         """Return whether a rest in the plain motion will do: no backlash inside a loop is crossed there."""
@@ -414,6 +447,7 @@ class _Chooser:
             reversing=drives,
             shortest=shortest,
             turning=self._turning(number, place.cruise),
+            rests=self._rests(number),
             lead=self.lead,
             crosses=self.offsets and not self.written,
             friction=self.friction,

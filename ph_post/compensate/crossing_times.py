@@ -9,19 +9,23 @@ acceleration a through the gap g.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.compensate.friction import Friction, held_change
 from ph_post.compensate.inverse import lead_of_crossing, motor_inertia
-from ph_post.compensate.limit_curve import axis_limits
-from ph_post.compensate.offsets import EDGE, command_of, smoothstep, travelled
+from ph_post.compensate.lead import WIDTH
+from ph_post.compensate.limit_curve import AxisLimits, axis_limits
+from ph_post.compensate.offsets import DWELL, EDGE, command_of, corner_pause, smoothstep, travelled
 from ph_post.compensate.violations import command_noise, usage
 from ph_post.geometry.bernstein import derivative, evaluate
+from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
-from ph_post.types import Array, Axis, Command, Crossing, Plan, TurningPoint, frozen
+from ph_post.types import Array, Axis, Command, Crossing, FrictionChange, Plan, TurningPoint, frozen
 
 TRAVEL: Final = 4
 """Derivatives of a crossing's travel that vanish at its ends: the command takes two more, and three differences."""
@@ -53,21 +57,30 @@ SHARPNESS: Final = frozen(np.geomspace(0.1, 1e4, 61))
 DELAYS: Final = frozen(np.linspace(0.0, 0.15, 31))
 """Delays that are tried, in parts of the duration."""
 
+AROUND_CARRIED: Final = 64
+"""Rows before and behind a crossing inside the loop of a cascade, whose command dies away behind it."""
+
 AROUND: Final = 4
 """Rows before and behind a crossing that are looked at with it."""
 
 FINENESS: Final = 400
 """Instants of a crossing that are looked at."""
 
+LONGEST_REST: Final = 1.0
+"""Time [s] up to which it is looked how long an axis rests before it turns back."""
+
 
 def shortest_crossing(axis: Axis, lead: bool, period: float, part: float = PART) -> float:
     """Shortest duration [s] in which the gap can be crossed within a part of the axis' limits.
 
     Behind the loop the command travels; with inverse dynamics it takes c and b times the next two derivatives
-    more. Inside it the command is the motor's output, η b (m̈ + β ṁ).
+    more. Inside it the command is the motor's output, η b (m̈ + β ṁ), and of a cascade the inverse of its loops, which
+    are open meanwhile.
     """
     gap, limits = axis.gap, axis.limits
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    if axis.loop.encloses_backlash and axis.servo.cascade is not None:
+        return _shortest_carried(replace(axis, effects=()), period, part)
     if axis.loop.encloses_backlash:
         inertia = motor_inertia(axis)
         weights = (0.0, inertia * (gap.beta or 0.0), inertia)
@@ -111,6 +124,21 @@ def _shortest(travel: float, weights: tuple[float, ...], bounds: tuple[float, ..
     return duration
 
 
+@lru_cache(maxsize=64)
+def _shortest_carried(axis: Axis, period: float, part: float) -> float:
+    """Shortest duration in which a cascade carries its motor through its gap within a part of the axis' limits [s]."""
+    bounds = [[axis.limits.velocity], [axis.limits.acceleration], [axis.limits.jerk]]
+    limits, duration = AxisLimits(values=frozen(bounds), period=period), SHORTEST * period
+    while True:
+        rows = round(duration / period) + 2 * AROUND_CARRIED
+        t = period * np.arange(rows, dtype=np.float64)
+        _, speed, acceleration = travelled(whole_crossing(axis, 1, 0.5 * rows * period, duration), t)
+        command = lead_of_crossing(axis, speed, acceleration, None, period)[:, np.newaxis]
+        if all(float(usage(command, limits, order, 0.0).max()) <= part for order in (1, 2, 3)):
+            return duration
+        duration *= LONGER
+
+
 @lru_cache(maxsize=1)
 def _derivatives() -> Array:
     """Return the travel of a crossing and its derivatives up to the fifth, by instants."""
@@ -129,11 +157,91 @@ def whole_crossing(axis: Axis, direction: int, middle: float, duration: float) -
     )
 
 
-def crossing_at_turn(axis: Axis, direction: int, duration: float, acceleration: float) -> Crossing:
-    """Cross the whole gap once where an axis turns back at 0 s with an acceleration [m/s²], when it does least harm."""
+class Rest(NamedTuple):
+    """When an axis that rests before it turns back at 0 s may be moved within its backlash: from when to when [s]."""
+
+    begin: float = 0.0
+    end: float = 0.0
+
+    def start_of(self, duration: float) -> float | None:
+        """Return when what takes a duration [s] begins, as late as may be; None where it does not fit."""
+        return self.end - duration if self.begin < self.end - duration else None
+
+
+NO_REST: Final = Rest()
+
+
+def rest_before(track: Track, point: TurningPoint, axis: Axis, lead: bool) -> Rest:
+    """Return when an axis may be moved within its backlash while it rests before it turns back.
+
+    The rest is reckoned at the fastest feed of the path, and no further back than a rapid, whose feed is the machine's,
+    and than :data:`LONGEST_REST`. Half of a pause is left at either end: a table that is not led comes late.
+    """
+    if point.kind != "dwell":
+        return NO_REST
+    path = track.path
+    fastest = max(segment.feed or path.feed for segment in path.segments)
+    s = np.linspace(max(point.s - LONGEST_REST * fastest, 0.0), point.s, FINENESS + 1)
+    piece, u = track.locate(s)
+    place = track.derivatives(piece, u)[0][:, path.axes.index(point.axis)]
+    rapid = np.array([segment.rapid for segment in path.segments])[track.segment[piece]]
+    moved = np.flatnonzero((np.abs(place - point.position) > MEETS) | rapid)
+    if moved.size and moved[-1] == s.size - 1:
+        return NO_REST
+    time = float(point.s - s[moved[-1] + 1 if moved.size else 0]) / fastest
+    # The window through which the path is led begins so long before it.
+    pause = max(DWELL, WIDTH * math.sqrt(axis.servo.b)) if lead else 0.5 * corner_pause(axis)
+    return Rest(pause - time, -pause)
+
+
+def has_moved(track: Track, points: Sequence[TurningPoint], point: TurningPoint) -> bool:
+    """Return whether an axis has moved before a turning point, so that its side there is known."""
+    start = track.derivatives(*track.locate(np.zeros(1)))[0][0, track.path.axes.index(point.axis)]
+    return abs(start - point.position) > MEETS or any(one.axis == point.axis and one.s < point.s for one in points)
+
+
+def crossing_at_turn(
+    axis: Axis, direction: int, duration: float, acceleration: float, rest: Rest = NO_REST
+) -> Crossing:
+    """Cross the whole gap once where an axis turns back at 0 s with an acceleration [m/s²], when it does least harm.
+
+    Where it rests for long enough before that, it crosses meanwhile, which does none.
+    """
+    begin = rest.start_of(duration)
+    if begin is not None:
+        return whole_crossing(axis, direction, begin + 0.5 * duration, duration)
     sharpness = acceleration * duration**2 / axis.gap.lost_motion
     delay = float(np.interp(sharpness, SHARPNESS, _best_delays()[0]))
     return whole_crossing(axis, direction, delay * duration, duration)
+
+
+class Carried(NamedTuple):
+    """What carries a motor through a backlash inside its loop, from 0 s on, and how long that takes in all [s]."""
+
+    crossings: tuple[Crossing, ...]
+    friction: tuple[FrictionChange, ...]
+    duration: float
+
+    def at(self, begin: float) -> tuple[list[Crossing], list[FrictionChange]]:
+        """Return the crossings and the changes of friction from another instant on [s]."""
+        crossings = [replace(one, start=begin + one.start) for one in self.crossings]
+        return crossings, [replace(one, start=begin + one.start) for one in self.friction]
+
+
+def carried(axis: Axis, way: int, friction: Friction | None, duration: float, lap: float, period: float) -> Carried:
+    """Carry a motor through a backlash inside its loop.
+
+    Friction is let go, the motor crosses in `duration` [s], 0 where there is no backlash, and friction is led the other
+    way. Of the first and the last the part `lap` is done while the motor crosses.
+    """
+    change, before, whole = None, 0.0, duration
+    if friction is not None:
+        change = held_change(axis, friction, -way, way, 0.0, period)
+        before = (1.0 - lap) * change.release
+        whole = before + max(duration, lap * (change.release + change.take)) + (1.0 - lap) * change.take
+        change = replace(change, hold=whole - change.release - change.take)
+    crossings = (whole_crossing(axis, way, before + 0.5 * duration, duration),) if duration else ()
+    return Carried(crossings, () if change is None else (change,), whole)
 
 
 def turning_acceleration(point: TurningPoint, feed: float) -> float:

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate import profile, shapes
-from ph_post.compensate.crossing_times import TRAVEL, crossing_at_turn, whole_crossing
+from ph_post.compensate.crossing_times import NO_REST, TRAVEL, Rest, carried, crossing_at_turn, whole_crossing
 from ph_post.compensate.friction import Friction, direct_change, held_change
 from ph_post.compensate.inverse import motor_inertia
 from ph_post.compensate.offsets import DWELL, LEAST, make_jog, may_shift, whole_jog
@@ -39,9 +39,9 @@ class ReversalCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `budget` [s] is the time that a design may add, `reversing` the axes that turn back here and have a gap,
     each with the direction it goes on in; `shortest` [s] by axis what a crossing takes at least, `turning` [m/s²] the
-    acceleration with which it turns back where its gap is behind the loop. `lead` is
-    whether designs include inverse dynamics, `crosses` whether gaps behind the loop are crossed. `friction` is by
-    axis what is led of that, in rows of `period` [s]. What takes more than `longest` [s] is not tried.
+    acceleration with which it turns back where its gap is behind the loop, `rests` when it may be moved while it rests
+    before. `lead` is whether designs include inverse dynamics, `crosses` whether gaps behind the loop are crossed.
+    `friction` is by axis what is led of that, in rows of `period` [s]. What takes more than `longest` [s] is not tried.
     """
 
     place: Surroundings
@@ -50,6 +50,7 @@ class ReversalCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     shortest: dict[str, float]
     lead: bool
     turning: Mapping[str, float] = {}
+    rests: Mapping[str, Rest] = {}
     crosses: bool = True
     friction: Mapping[str, Friction] = EMPTY
     period: float = 1e-3
@@ -219,18 +220,70 @@ def make_turn(x: Array, case: ReversalCase) -> Design:
     return msgspec.structs.replace(make_bare(ONE, case), friction=tuple(changes))
 
 
+def make_carried(x: Array, case: ReversalCase) -> Design:
+    """Slow down, and carry the motor through a backlash inside the loop meanwhile.
+
+    x = (share of the ramps, skew, floor, part of the budget, shift, T, lap): what carries it is shifted by a part of
+    its duration from the middle of the hold; the others are those of `make_carried_through`.
+    """
+    share, skew, floor, part, shift, longer, lap = (float(value) for value in x)
+    less = msgspec.structs.replace(case, budget=case.budget * part)
+    down, still, up = _ramps(share, skew, less, floor)
+    design = _with_offsets(_stop(down, still, up, floor, case.lead), case)
+    return _carried(design, case, -design.t_star + down + 0.5 * still, shift, longer, lap)
+
+
+def make_carried_through(x: Array, case: ReversalCase) -> Design:
+    """Leave the feed alone, and carry the motor through a backlash inside the loop: x = (shift, T, lap).
+
+    Friction is let go, the motor crosses in T of its shortest times, and friction is led the other way; of the first
+    and the last the part `lap` is done while the motor crosses. All of that is shifted by a part of its duration from
+    where the axis turns back; where it has rested for long enough by then, all is done while it rests.
+    """
+    shift, longer, lap = (float(value) for value in x)
+    return _carried(make_bare(ONE, case), case, 0.0, shift, longer, lap)
+
+
+def _carried(design: Design, case: ReversalCase, middle: float, shift: float, longer: float, lap: float) -> Design:
+    """Add to a design what carries motors through backlash inside the loop, around an instant [s] of it."""
+    crossings, changes = list(design.crossings), []
+    rubbing = {axis.name: friction for axis, _, friction in case.rubbing}
+    for axis, way in case.reversing:
+        inside = axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0
+        duration = longer * case.shortest[axis.name] if inside else 0.0
+        own = carried(axis, way, rubbing.get(axis.name), duration, lap, case.period)
+        begin = case.rests.get(axis.name, NO_REST).start_of(own.duration)
+        placed = own.at(middle + (shift - 0.5) * own.duration if begin is None else begin)
+        crossings += placed[0]
+        changes += placed[1]
+    return msgspec.structs.replace(design, crossings=tuple(crossings), friction=tuple(changes))
+
+
 def direct_changes(case: ReversalCase) -> tuple[FrictionChange, ...]:
     """Turn the friction that is led round at the turning point, or where the backlash begins to be crossed there."""
-    begins = {one.axis: one.start for one in make_bare(ONE, case).crossings}
-    return tuple(
-        direct_change(axis, one, -way, way, begins.get(axis.name, 0.0), case.period) for axis, way, one in case.rubbing
-    )
+    crossings = {one.axis: one for one in make_bare(ONE, case).crossings}
+    found = []
+    for axis, way, friction in case.rubbing:
+        crossing = crossings.get(axis.name)
+        begin = 0.0 if crossing is None else crossing.start
+        change = direct_change(axis, friction, -way, way, begin, case.period)
+        if crossing is not None and crossing.end < 0.0:
+            # It is made while the axis rests: friction is turned round before it.
+            change = msgspec.structs.replace(change, start=begin - change.duration)
+        found.append(change)
+    return tuple(found)
 
 
 def make_bare(x: Array, case: ReversalCase) -> Design:
     """Leave the feed alone and cross the gaps behind the loop: x = (T,)."""
     crossings = tuple(
-        crossing_at_turn(axis, direction, float(x[0]) * case.shortest[axis.name], case.turning[axis.name])
+        crossing_at_turn(
+            axis,
+            direction,
+            float(x[0]) * case.shortest[axis.name],
+            case.turning[axis.name],
+            case.rests.get(axis.name, NO_REST),
+        )
         for axis, direction in case.behind
     )
     return Design(crossings=crossings, lead=case.lead)
@@ -306,6 +359,24 @@ RUBBING: Final = _family(
     [0.6, 1.0, 0.1, 1.0, 0.0, 1.0, 0.7, 1.0, 0.2],
     [0.6, 1.0, 0.25, 1.0, 0.0, 1.0, 0.7, 1.0, 0.2],
     [0.6, 1.0, 0.4, 0.6, 0.0, 1.0, 0.5, 1.0, 0.3],
+)
+
+CARRIED: Final = _family(
+    TAKE_UP,
+    make_carried,
+    [(0.1, 0.98), (0.4, 1.6), (0.0, 0.9), (0.05, 1.0), (-0.6, 0.6), (0.8, 3.0), (0.0, 1.0)],
+    [0.6, 1.0, 0.3, 1.0, 0.0, 1.0, 0.5],
+    [0.6, 1.0, 0.5, 1.0, 0.0, 1.0, 0.5],
+    [0.5, 1.0, 0.0, 1.0, 0.0, 1.0, 0.5],
+    budgets=(0.6, 1.0, 1.7, 3.0),
+)
+
+CARRIED_THROUGH: Final = _family(
+    TAKE_UP,
+    make_carried_through,
+    [(-1.0, 1.0), (0.8, 3.0), (0.0, 1.0)],
+    [0.0, 1.0, 0.5],
+    [0.1, 1.0, 0.5],
 )
 
 TURN: Final = _family(TAKE_UP, make_turn, [(-1.0, 1.0), (1.0, 3.0)], [0.0, 1.0], [0.3, 1.0])

@@ -19,7 +19,7 @@ from ph_post.compensate.friction import (
 )
 from ph_post.compensate.motion import MotionLaw, row_times
 from ph_post.geometry.track import Track
-from ph_post.types import Array, Axis, FrictionChange, Machine
+from ph_post.types import Array, Axis, Crossing, FrictionChange, Jog, Machine
 
 UNDER_WAY: Final = 3.0
 """Shortest steps that one lasts by which friction is led while the path begins already: it takes less than a thirtieth
@@ -94,11 +94,13 @@ def lay_friction(
     friction: Mapping[str, Friction],
     asked: Sequence[FrictionChange],
     moving: bool,
+    crossings: Sequence[Crossing | Jog] = (),
 ) -> tuple[FrictionChange, ...]:
     """Turn the friction of every axis round at each of its reversals in time.
 
     What is asked for at a reversal is done; at the others the direction is changed while the axis rests, with the
-    motor carried through its backlash where there is time for that, and else as quickly as may be.
+    motor carried through its backlash where there is time for that, and else as quickly as may be. Where the axis
+    crosses its backlash while it rests, the direction is changed before that.
 
     Parameters
     ----------
@@ -111,6 +113,8 @@ def lay_friction(
         In the time of the motion.
     moving : bool
         Whether it goes on from a motion before it.
+    crossings : sequence of Crossing or Jog, optional
+        In the time of the motion.
 
     Returns
     -------
@@ -132,7 +136,8 @@ def lay_friction(
             done = next((one for one in own if _serves(one, turn)), None)
             if done is not None:
                 own.remove(done)
-            found.append(done or _usual(axis, friction[name], turn, period, rest))
+            begins = (one.start for one in crossings if one.axis == name and turn.begin <= one.start <= turn.end)
+            found.append(done or _usual(axis, friction[name], turn, period, rest, next(begins, None)))
     return tuple(sorted(found, key=lambda one: (one.start, one.axis)))
 
 
@@ -151,9 +156,15 @@ def _serves(change: FrictionChange, turn: Turn) -> bool:
     return same and change.start - more <= turn.end and change.end + more >= turn.begin
 
 
-def _usual(axis: Axis, friction: Friction, turn: Turn, period: float, rest: float) -> FrictionChange:
-    """Return the change of a reversal for which nothing was asked."""
+def _usual(
+    axis: Axis, friction: Friction, turn: Turn, period: float, rest: float, crosses: float | None
+) -> FrictionChange:
+    """Return the change of a reversal for which nothing was asked, where a crossing may begin while the axis rests."""
     middle = 0.5 * (turn.begin + turn.end)
+    if crosses is not None and turn.before:
+        change = direct_change(axis, friction, turn.before, turn.after, crosses, period)
+        early = crosses - change.duration
+        return msgspec.structs.replace(change, start=early) if early >= turn.begin else change
     change = held_change(axis, friction, turn.before, turn.after, HELD, period)
     if change.duration > turn.end - turn.begin:
         change = direct_change(axis, friction, turn.before, turn.after, middle, period)

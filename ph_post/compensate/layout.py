@@ -10,7 +10,7 @@ axis carries a lasting offset there only where the motion stops at each of its r
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 import msgspec
@@ -18,9 +18,13 @@ import numpy as np
 
 from ph_post.compensate.crossing_times import (
     MOST,
+    NO_REST,
     PART,
+    carried,
     crossing_at_turn,
     first_push,
+    has_moved,
+    rest_before,
     shortest_crossing,
     turning_acceleration,
     whole_crossing,
@@ -62,8 +66,8 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `written` says that the plan becomes a part program, which crosses the gap by jogs at full stops. `shifted` are
     axes with a lasting offset whether or not a request crosses their gap. Without `winds_up` a table begins as
     the path does, and axes come onto their sides under way. Where it `pushes_first` axes whose gap is inside their loop
-    are on their sides when the path begins. `friction` is by axis what is led of that, from rest in `friction_first`
-    [s] before the path begins.
+    are on their sides when the path begins; where it `carries`, they cross it while they rest. `friction` is by axis
+    what is led of that, from rest in `friction_first` [s] before the path begins.
     """
 
     track: Track
@@ -79,6 +83,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     shifted: tuple[str, ...] = ()
     winds_up: bool = True
     pushes_first: bool = False
+    carries: bool = False
     friction: Mapping[str, Friction] = {}
     friction_first: float = 0.0
 
@@ -153,14 +158,16 @@ def lay_out(job: Job) -> Layout:
         if point.axis not in shifted or (point.index, point.axis) in served or at_an_end(job, point):
             continue
         stop, axis, direction = rest_at(job.phases, point.s), job.machine.axes[point.axis], -came_from(point)
-        if stop is not None:
+        quickest = job.shortest(axis, MOST)
+        idle = NO_REST if job.written else rest_before(job.track, point, axis, job.lead)
+        if stop is not None and idle.start_of(quickest) is None:
             stops.add(stop, job.whole(axis, direction))
         elif job.written:
             dropped.add(point.axis)
         else:
             turn = _time_at(motion, point.s)
             bent = turning_acceleration(point, float(motion.place_and_feed(np.array([turn]))[1][0]))
-            placed.append(_delayed(crossing_at_turn(axis, direction, job.shortest(axis, MOST), bent), turn))
+            placed.append(_delayed(crossing_at_turn(axis, direction, quickest, bent, idle), turn))
     if dropped:
         return Layout(phases=job.phases, crossings=(), bias={}, dropped=tuple(sorted(dropped)))
     bias, approach = _at_start(job, shifted, stops)
@@ -175,7 +182,9 @@ def lay_out(job: Job) -> Layout:
         stops.holds[0] = math.ceil(rest / period - WHOLE) * period
     if job.friction_first:
         stops.holds[0] = max(stops.holds.get(0, 0.0), job.friction_first)
-    placed = [_delayed(one, stops.delay_at(job.phases, one.start)) for one in placed]
+    carried_over, changes = _carried_at_rest(job, motion, served) if job.carries else ([], [])
+    placed = [_delayed(one, stops.delay_at(job.phases, one.start)) for one in (*placed, *carried_over)]
+    changes = [msgspec.structs.replace(one, start=one.start + stops.delay_at(job.phases, one.start)) for one in changes]
     placed += [_delayed(one, job.phases[k].start + stops.delay_before(k)) for k, one in stops.crossings]
     phases = with_holds(job.phases, stops.holds)
     if approach and job.written:
@@ -183,15 +192,22 @@ def lay_out(job: Job) -> Layout:
         placed = [_delayed(one, rest) for one in placed]
         phases = with_holds(phases, {0: rest})
     crossings = sorted(placed + approach, key=lambda one: (one.start, one.axis))
-    return Layout(phases=phases, crossings=tuple(crossings), bias=bias, friction=_friction_changes(job, phases))
+    return Layout(
+        phases=phases,
+        crossings=tuple(crossings),
+        bias=bias,
+        friction=_friction_changes(job, phases, crossings, changes),
+    )
 
 
-def _friction_changes(job: Job, phases: Sequence[Phase]) -> tuple[FrictionChange, ...]:
-    """Turn the friction that is led round in a motion with all its holds."""
+def _friction_changes(
+    job: Job, phases: Sequence[Phase], crossings: Sequence[Crossing | Jog], changes: Sequence[FrictionChange]
+) -> tuple[FrictionChange, ...]:
+    """Turn the friction that is led round in a motion with all its holds; some changes are made already."""
     if not job.friction:
         return ()
     motion = MotionLaw.from_phases(phases)
-    asked: list[FrictionChange] = []
+    asked = [*changes]
     for number, request in enumerate(job.requests):
         if not request.friction:
             continue
@@ -200,7 +216,33 @@ def _friction_changes(job: Job, phases: Sequence[Phase]) -> tuple[FrictionChange
             middle = _time_at(motion, job.windows[number].s)
         if middle is not None:
             asked += [msgspec.structs.replace(one, start=middle + one.start, window=number) for one in request.friction]
-    return lay_friction(job.track, job.machine, motion, job.friction, asked, job.moving)
+    return lay_friction(job.track, job.machine, motion, job.friction, asked, job.moving, crossings)
+
+
+def _carried_at_rest(
+    job: Job, motion: MotionLaw, served: Collection[tuple[int, str]]
+) -> tuple[list[Crossing], list[FrictionChange]]:
+    """Carry motors through backlash inside their loops while their axes rest before they turn back."""
+    crossings, changes = list[Crossing](), list[FrictionChange]()
+    for point in job.turning_points:
+        axis = job.machine.axes[point.axis]
+        if is_open(job, point.axis) or (point.index, point.axis) in served or at_an_end(job, point):
+            continue
+        if not has_moved(job.track, job.turning_points, point):
+            continue
+        if axis.gap.lost_motion == 0.0:
+            continue
+        rest = rest_before(job.track, point, axis, job.lead)
+        for lap in LAPS:
+            friction, period = job.friction.get(point.axis), job.machine.servo_period
+            own = carried(axis, -came_from(point), friction, job.shortest(axis), lap, period)
+            begin = rest.start_of(own.duration)
+            if begin is not None:
+                placed = own.at(_time_at(motion, point.s) + begin)
+                crossings += placed[0]
+                changes += placed[1]
+                break
+    return crossings, changes
 
 
 def is_open(job: Job, name: str) -> bool:
@@ -225,8 +267,9 @@ def _crossings_at_windows(job: Job, motion: MotionLaw) -> list[Crossing | Jog]:
             # What is behind the loop is brought to its flank before the motion begins.
             chosen = [one for one in chosen if middle is not None and not is_open(job, one.axis)]
         elif job.profiles[number] is None or middle is None:
-            # Without its profile a crossing inside the loop would do harm; a lasting offset is still needed.
-            chosen = [one for one in chosen if is_open(job, one.axis)]
+            # Without the profile that it asked for a crossing inside the loop would do harm; a lasting offset is still
+            # needed.
+            chosen = [one for one in chosen if request.shape is None or is_open(job, one.axis)]
             middle = _time_at(motion, window.s)
         if not chosen or middle is None:
             continue
@@ -247,6 +290,9 @@ def _jogs_at_windows(job: Job, motion: MotionLaw) -> list[Crossing | Jog]:
             found += own
     return found
 
+
+LAPS: Final = (0.0, 0.5)
+"""Parts of the changes of friction that are made while a motor is carried through its backlash, tried in turn."""
 
 WHOLE: Final = 1e-9
 """Part of a period that counts as none."""

@@ -128,7 +128,7 @@ class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     program can only if the motion stops at each of their reversals. `crosses_by` names the strategy by which
     crossings are made where no profile names one; by default it is the one that answers. Without `winds_up` no time
     is spent on bringing axes onto their sides before the path of a table begins; with `pushes_first` axes whose gap is
-    inside their loop are pushed onto theirs, too.
+    inside their loop are pushed onto theirs, too; where it `carries`, they cross it while they rest, wherever they do.
     """
 
     requests: tuple[ProfileRequest, ...]
@@ -138,6 +138,7 @@ class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     crosses_by: str = ""
     winds_up: bool = True
     pushes_first: bool = False
+    carries: bool = False
     rests: bool = True
     rivals: tuple[StrategyResult, ...] = ()
     friction_part: float = 0.0

@@ -14,6 +14,7 @@ from ph_post.compensate import profile
 from ph_post.compensate.crossing_times import (
     MOST,
     crossing_at_turn,
+    rest_before,
     shortest_crossing,
     turning_acceleration,
     turning_error,
@@ -75,16 +76,22 @@ class OnTheFly:
         drives = reversing_axes(task.sized, points)
         lasts = {axis.name: shortest_crossing(axis, lead, period, MOST) for axis, _ in drives}
         bends = {point.axis: turning_acceleration(point, 1.0) for point in points}
+        rests = {one.axis: rest_before(task.analysis.track, one, task.machine.axes[one.axis], lead) for one in points}
         own = [(axis, sign) for axis, sign in drives if axis.feedback in self.feedbacks]
 
         def crossed(feed: float) -> tuple[Crossing, ...]:
             return tuple(
-                crossing_at_turn(axis, sign, lasts[axis.name], bends[axis.name] * feed**2) for axis, sign in own
+                crossing_at_turn(axis, sign, lasts[axis.name], bends[axis.name] * feed**2, rests[axis.name])
+                for axis, sign in own
             )
 
         def is_close(ratio: float) -> bool:
             feed = ratio * speed
-            return all(turning_error(axis, lasts[axis.name], bends[axis.name] * feed**2) <= ERROR for axis, _ in own)
+            return all(
+                rests[axis.name].start_of(lasts[axis.name]) is not None
+                or turning_error(axis, lasts[axis.name], bends[axis.name] * feed**2) <= ERROR
+                for axis, _ in own
+            )
 
         if is_close(1.0):
             return ProfileRequest(shape=None, crossings=crossed(speed))

@@ -10,7 +10,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ph_post.compensate.choose import choose
-from ph_post.compensate.families import BARE, CROSSING, JOG, OFFSET, PULSE, RUBBING, TURN, DesignFamily, ReversalCase
+from ph_post.compensate.families import (
+    BARE,
+    CARRIED,
+    CARRIED_THROUGH,
+    CROSSING,
+    JOG,
+    OFFSET,
+    PULSE,
+    RUBBING,
+    TURN,
+    DesignFamily,
+    ReversalCase,
+)
 from ph_post.compensate.offsets import may_shift
 from ph_post.compensate.strategies.base import PlanningTask, StrategyResult, StrategyTraits
 from ph_post.compensate.strategies.feed import refuse_options
@@ -68,7 +80,7 @@ def crossing_families(task: PlanningTask, case: ReversalCase) -> Sequence[Design
     """Return the families that cross the backlash; those that stop are left out where a least feed forbids it."""
     if not case.inside_loop:
         return (TURN, BARE, OFFSET) if case.rubbing else (BARE, OFFSET)
-    turning = (TURN, RUBBING) if case.rubbing else ()
+    turning = (CARRIED_THROUGH, CARRIED, *((TURN, RUBBING) if case.rubbing else ()))
     return turning if task.options.min_feed else (*turning, CROSSING)
 
 
