@@ -15,12 +15,14 @@ from ph_post.compensate import plan_warnings
 from ph_post.compensate.crossing_times import fit_crossings
 from ph_post.compensate.feed_planner import FeedPlanner, ValidMotion
 from ph_post.compensate.fitting import FittedProfiles, Fitter
-from ph_post.compensate.friction import Friction, friction_of_machine
+from ph_post.compensate.friction import Friction, braked, friction_of_machine
 from ph_post.compensate.layout import Job, Layout, approach_sides, lay_out, without_axes
 from ph_post.compensate.lead import lead_window, unwinding_time
 from ph_post.compensate.lead_report import with_lead_told
 from ph_post.compensate.motion import FeedAlong, cycle_time
+from ph_post.compensate.offsets import may_shift
 from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan_warnings import SAFE
 from ph_post.compensate.prove import prove
 from ph_post.compensate.race import race
 from ph_post.compensate.shapes import reported_ratio
@@ -37,6 +39,7 @@ from ph_post.compensate.trial import flanks_before
 from ph_post.errors import InputError
 from ph_post.geometry.joints import find_stops
 from ph_post.progress import Progress, no_progress
+from ph_post.simulate.assess import RUNS_ON
 from ph_post.types import Array, FeedProfile, Machine, Plan, frozen
 
 LEAD_SHARE = 0.6
@@ -153,6 +156,7 @@ class Planner:
         machine: Machine,
         options: PlanOptions,
         progress: Progress = no_progress,
+        plain: ValidMotion | None = None,
     ) -> None:
         self.analysis, self.machine, self.options = analysis, machine, options
         self.moving = options.start == "moving"
@@ -162,11 +166,12 @@ class Planner:
         self._stops = np.concatenate([corners, infinite, rapids, cusps])
         self._part, self._tail, self._jerk = 0.0, 0.0, 1.0
         feed_planner = self._feed_planner(0.0, NO_STOPS)
-        self.before = feed_planner.settle()
+        settled = feed_planner.settle()
+        self.before = plain or settled
         self._approached: dict[str, int] = {}
         if options.writes_program and not self.moving:
             self._approached = approach_sides(analysis.track, analysis.turning_points)
-        self._plain = self.baseline = self._on(feed_planner, self.before)
+        self._plain = self.baseline = self._on(feed_planner, settled)
         self._said: list[str] = []
         if self.lead:
             self._make_room()
@@ -198,6 +203,27 @@ class Planner:
         if self.lead and not other.lead:
             other.baseline, other._part, other._tail, other._said = self._plain, 0.0, 0.0, []
         other.task = other._task()
+        return other
+
+    def gentler(self) -> Planner | None:
+        """Return the planner of the same job on axes that brake so gently that less friction would hold their tables.
+
+        Its time counts from the same plain motion. None where friction holds every table as it is, and for programs,
+        whose accelerations are the controller's.
+        """
+        axes = [self.machine.axes[name] for name in self.analysis.path.axes]
+        slows = {axis.name: braked(axis) for axis in axes if may_shift(axis)}
+        flying = {name: SAFE * RUNS_ON[0] * slow for name, slow in slows.items() if math.isfinite(slow)}
+        if not flying or self.options.writes_program or self.moving:
+            return None
+        slower = dict(self.machine.axes)
+        for name, most in flying.items():
+            limits = msgspec.structs.replace(slower[name].limits, acceleration=most)
+            slower[name] = msgspec.structs.replace(slower[name], limits=limits)
+        machine = msgspec.structs.replace(self.machine, axes=slower)
+        analysis = msgspec.structs.replace(self.analysis, machine=machine)
+        other = Planner(analysis, machine, self.options, self.progress, self.before)
+        other.stops = [*self.stops, *plan_warnings.gentle_warnings(flying)]
         return other
 
     @property
@@ -361,6 +387,7 @@ class Planner:
             shifted=result.shifted,
             winds_up=result.winds_up,
             pushes_first=result.pushes_first,
+            carries=result.carries and self.lead,
             friction=self._friction(result),
             friction_first=first,
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -302,6 +302,21 @@ def run_on_warnings(axes: Iterable[Axis]) -> list[str]:
     """Warn of axes whose friction is too small to hold the table in its backlash where the motor brakes."""
     brakes = [(axis, braked(axis)) for axis in axes if may_shift(axis)]
     return [_run_on_warning(axis, slows) for axis, slows in brakes if math.isfinite(slows)]
+
+
+def gentle_warnings(most: Mapping[str, float]) -> list[str]:
+    """Say with which accelerations [m/s²] axes are run so that friction holds their tables.
+
+    Examples
+    --------
+    >>> gentle_warnings({"X": 0.45})
+    ['axis X is run with at most 450 mm/s², so that friction holds its table on its side of the backlash']
+    """
+    return [
+        f"axis {name} is run with at most {float(f'{value / MM:.2g}'):g} mm/s², so that friction holds its table on "
+        "its side of the backlash"
+        for name, value in most.items()
+    ]
 
 
 def _run_on_warning(axis: Axis, brakes: float) -> str:

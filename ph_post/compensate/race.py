@@ -179,6 +179,8 @@ class _Race:
         if self._lead_matters() and not self._leads(runners, few) and (self._shifts() or not long):
             planner = self.planner.with_options(replace(self.planner.options, inverse_dynamics=False))
             runners += [self._measured(one, few) for one in self._start(planner, self._without_lead(planner.task))]
+        for gentler in self._gentler():
+            runners += [self._measured(one, few) for one in self._start(gentler, self._searched(gentler.task))]
         ranked = self._ranked(runners, few)
         winner = self._heats(ranked, HEAT // 2 if long else HEAT, few, many)
         if winner is None:
@@ -207,11 +209,23 @@ class _Race:
     def _without_lead(self, task: PlanningTask) -> Iterator[StrategyResult]:
         """Return what is tried without inverse dynamics, whose room takes time that a stop may need more."""
         if self._shifts():
-            searched = find_strategy(self.name).profiles(task)
-            yield searched
-            yield from searched.rivals
+            yield from self._searched(task)
         yield from named_results(task)
         yield from smooth_offsets(task, lead=False)
+
+    def _searched(self, task: PlanningTask) -> Iterator[StrategyResult]:
+        """Return what the search proposes for another task, and its rivals."""
+        found = find_strategy(self.name).profiles(task)
+        yield found
+        yield from found.rivals
+
+    def _gentler(self) -> Iterator[Planner]:
+        """Return planners whose axes friction holds, where there are any, with inverse dynamics and without."""
+        gentler = self.planner.gentler()
+        if gentler is not None:
+            yield gentler
+            if gentler.lead:
+                yield gentler.with_options(replace(gentler.options, inverse_dynamics=False))
 
     def _shifts(self) -> bool:
         """Return whether any axis may get a lasting offset."""
@@ -232,7 +246,7 @@ class _Race:
         """Plan all that is to be tried; what takes too long waits aside, and what breaks a limit is left out."""
         seen: list[tuple[object, ...]] = []
         for number, proposed in enumerate(entrants):
-            looks = (proposed.requests, proposed.shifted, proposed.winds_up, proposed.pushes_first)
+            looks = (proposed.requests, proposed.shifted, proposed.winds_up, proposed.pushes_first, proposed.carries)
             if looks in seen:
                 continue
             seen.append(looks)
