@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import ph_post as ph
-from tests.support.closed_loops import MM, advised, diagnosed, draw_machine, of_program, of_table
+from tests.support.closed_loops import MM, diagnosed, draw_machine, of_program, of_table
 
 
 @pytest.mark.slow
@@ -22,11 +22,9 @@ def test_motors_behind_whose_encoders_tables_have_backlash_and_friction(tmp_path
         least = 5.0 if play is of_table else 4.0
         assert after.largest < before.largest / least
         assert after.rms < before.rms / 10.0
-    # Where its motors come to stops harder than friction does, a table is left alone, and it is said what helps.
-    before, left = (of_table(tmp_path, "pocket", file, machine.true) for file in (wrong, better))
-    slower = advised(better, left.warnings)
-    assert slower is not None
-    after = of_table(tmp_path, "pocket", slower, machine.true)
+    # Where its motors come to stops harder than friction does, it is run more gently, and that is said.
+    before, after = (of_table(tmp_path, "pocket", file, machine.true) for file in (wrong, better))
+    assert any("axis X is run with at most" in one for one in after.warnings)
     assert after.largest < before.largest / 5.0
     assert after.rms < before.rms / 20.0
 
