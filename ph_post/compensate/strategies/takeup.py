@@ -80,7 +80,11 @@ def crossing_families(task: PlanningTask, case: ReversalCase) -> Sequence[Design
     """Return the families that cross the backlash; those that stop are left out where a least feed forbids it."""
     if not case.inside_loop:
         return (TURN, BARE, OFFSET) if case.rubbing else (BARE, OFFSET)
-    turning = (CARRIED_THROUGH, CARRIED, *((TURN, RUBBING) if case.rubbing else ()))
+    # Where a P loop's motor has no friction to hold against, what it does behind a step has to be searched.
+    cascade = any(axis.servo.cascade is not None for axis, _ in case.reversing)
+    rests = any(one.start_of(0.0) is not None for one in case.rests.values())
+    carried = ((CARRIED_THROUGH,) if cascade or rests else ()) + ((CARRIED,) if cascade else ())
+    turning = (*carried, *((TURN, RUBBING) if case.rubbing else ()))
     return turning if task.options.min_feed else (*turning, CROSSING)
 
 
