@@ -118,7 +118,12 @@ def test_what_is_not_needed_beside_a_better_name_is_taken_out() -> None:
 @pytest.mark.slow
 def test_a_cutting_force_that_viscous_friction_explains_to_the_noise_is_named_where_it_explains_more() -> None:
     """Of an exponent of 0.9993, and 2.9 noise floors: only that it goes by the path's speed tells it from friction."""
-    is_named_and_sized("cutting_force", "act+force", "cascade-load", 3003)
+    trial = Trial("single", ("cutting_force",), ("act", "force"), "cascade-load", 3003)
+    result = judge(trial, trial.case(None))
+    assert result["verdict"] == "named"
+    assert named(result) == {("cutting_force", "Y")}
+    assert near(result)
+    assert quiet(result)
 
 
 @pytest.mark.slow
