@@ -149,12 +149,12 @@ def _less_friction(part: float, ratio: float) -> float:
 
 def in_time(plan: Plan, result: StrategyResult, planner: Planner) -> tuple[Plan, StrategyResult]:
     """Ask for quicker designs while the plan takes longer than it may."""
-    part = 1.0
+    part, plain = 1.0, planner.baseline.valid.motion.end
     for _ in range(SHORTENINGS):
-        if result.shorter is None or not takes_too_long(plan, planner):
+        # Where axes are braked more gently the motion by itself may take too long.
+        if result.shorter is None or plain >= planner.longest or not takes_too_long(plan, planner):
             break
-        end, plain = plan_time(plan), planner.baseline.valid.motion.end
-        part *= 0.97 * (planner.longest - plain) / (end - plain)
+        part *= 0.97 * (planner.longest - plain) / (plan_time(plan) - plain)
         result = result.shorter(part)
         plan = planner.plan(plan.strategy, result)
     if planner.options.writes_program and result.shifted and takes_too_long(plan, planner):

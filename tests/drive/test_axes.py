@@ -171,9 +171,9 @@ def test_a_trial_knows_what_the_simulation_knows(tmp_path, effect):
     tried = 0
     for place in find_surroundings(analysis, task.feed, task.looped):
         trial = Trial(nominal, analysis.track, place, machine, (scenario,), task.sized)
-        lead, command, _ = trial._command(Design())
+        (before, _), command, _ = trial._command(Design())
         run = simulate(replace(command, flanks=place.flanks), machine, scenario)
-        error = nominal.nearest(run.executed, command.s).error[int(0.5 * lead / trial.period) :]
+        error = nominal.nearest(run.executed, command.s).error[int(0.5 * before / trial.period) :]
         assert trial.run(Design()).error[0] == pytest.approx(np.abs(error).max(), rel=1e-6)
         tried += 1
     assert tried == 4
