@@ -332,8 +332,8 @@ def require_length(size: float) -> None:
 
 
 def extent(points: Array) -> float:
-    """Return how far points lie from the first of them, along any axis [m]."""
-    return float(np.abs(points - points[0]).max())
+    """Return how far points lie from the first of them at most [m]."""
+    return float(np.linalg.norm(points - points[0], axis=-1).max())
 
 
 def polynomial_piece(control: Array, xi0: float, xi1: float, speed: Array | None = None) -> Piece:

@@ -333,3 +333,10 @@ def test_parts_end_inside_runs_of_lines() -> None:
         first, last = place(part, [0.0, part.s[-1]])
         assert first == pytest.approx(points[part.motion[0]], abs=1e-9)
         assert last == pytest.approx(points[part.motion[-1] + 1], abs=1e-9)
+
+
+def test_a_rapid_that_is_just_long_enough_across_is_a_piece() -> None:
+    """Along each axis alone it is shorter than what counts as no way at all: the program was refused for it."""
+    text = "G21 G90\nG1 X10 Y0 Z0 F600\nG0 X10.0000008 Y0.0000008\nG1 X10 Y10\n"
+    (path,) = paths_of(read_program(text.encode(), "part"))
+    assert [segment.rapid for segment in path.path.segments].count(True) == 1
