@@ -254,6 +254,7 @@ class KlartextRunner:
 
     def _with_values(self, words: str) -> str:
         def put(found: re.Match[str]) -> str:
+            """Put the value of a parameter in its place; the parameter stays where its value is not known."""
             value = self.store.number(parameter_of(f"Q{found[4]}{found[5]}"))
             if math.isnan(value):
                 return found[0]
