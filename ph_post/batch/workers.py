@@ -158,10 +158,8 @@ class Workers:
             if address not in first.values():
                 fire_and_forget(self._client.submit(meanwhile, workers=[address], **where))
         asked = [self._client.submit(function, *given, workers=[address], **where) for address in first.values()]
-        self._wait_until(lambda: all(one.done() for one in asked), no_progress)
         try:
-            with self._refusals():
-                return [one.result() for one in asked]
+            return [self._result(one, no_progress) for one in asked]
         except KilledWorker:
             raise WorkersError(f"{self._place}: workers die of the first small program; is there memory?") from None
 
@@ -218,8 +216,7 @@ class Workers:
                 future = next(done)
                 bundle = running.pop(future)
                 try:
-                    with self._refusals():
-                        found: list[R | LostJobError] = list(future.result())
+                    found: list[R | LostJobError] = list(self._result(future, progress))
                 except KilledWorker:
                     if not alone:  # it may be another's fault that waited beside it
                         suspects.extend(bundle)
@@ -238,6 +235,14 @@ class Workers:
             future = self._client.submit(_work_through, function, [job for _, job in bundle], pure=False)
         done.add(future)
         return future
+
+    def _result(self, future: Future[Any], progress: Progress) -> Any:
+        """Return what a job gives. What is lost with its worker before it is here is waited for as any job is."""
+        gathering = self._client.gather(future, asynchronous=True)
+        asked = asyncio.run_coroutine_threadsafe(gathering, self._client.loop.asyncio_loop)
+        self._wait_until(asked.done, progress)
+        with self._refusals():
+            return asked.result()
 
     @contextlib.contextmanager
     def _refusals(self) -> Iterator[None]:
