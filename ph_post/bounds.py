@@ -50,12 +50,17 @@ def _trim() -> Any:
         return None
 
 
-def give_memory_back() -> None:
-    """Give memory that is no longer used back to the system, between two stages of a long job.
+MANY_LINES: Final = 20_000
+"""Lines of a program from which on memory counts for more than the time that it takes to save it."""
 
-    Much of it lies in gaps between what is kept, where glibc would keep it for arrays that may never come.
+
+def give_memory_back(lines: int) -> None:
+    """Give memory that is no longer used back to the system, between two stages of the work on a program.
+
+    Much of it lies in gaps between what is kept, where glibc would keep it for arrays that may never come. To look for
+    it takes some milliseconds, for which a program of few `lines` leaves too little.
     """
-    if (trim := _trim()) is not None:
+    if lines >= MANY_LINES and (trim := _trim()) is not None:
         trim(0)
 
 

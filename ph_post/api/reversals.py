@@ -72,7 +72,7 @@ def program_reversals(found: CompensatedProgram, machine: Machine, tolerance: fl
     tolerance : float
         ε of the windows [m].
     """
-    give_memory_back()
+    give_memory_back(found.before.blocks)
     done, edits = _done(found.windows), found.edits
     changes = None if edits is None or not edits.followed else _changes_of(edits)
     return [

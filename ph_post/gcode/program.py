@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ph_post.bounds import give_memory_back
+from ph_post.bounds import MANY_LINES, give_memory_back
 from ph_post.gcode import codes
 from ph_post.gcode.language import RS274, Language
 from ph_post.types import Array, BoolArray, IntArray, sealed
@@ -162,10 +162,6 @@ def _commands(words: WordTable) -> WordTable:
     return words.take(np.union1d(np.concatenate([*found, _NOWHERE]), rows))
 
 
-_PART: Final = 20_000
-"""Lines of which the words are held where a program is looked through."""
-
-
 class WordSource:
     """The words of a program, which may be let go where its text gives them again.
 
@@ -182,6 +178,7 @@ class WordSource:
     def __init__(self, words: WordTable, read: Callable[[int, int | None], WordTable] | None = None) -> None:
         self._words: WordTable | None = words
         self._read = read
+        self._lines = int(words.block[-1]) + 1 if words.block.size else 0
         self._last = -1, range(0)
         self.commands = _commands(words)
         """All words but X, Y, Z, I, J, K, R, F, N and G0 to G3, and of lines with another G word or an M word all
@@ -209,10 +206,10 @@ class WordSource:
         return self._words.take(np.arange(rows.start, rows.stop))
 
     def let_go(self) -> None:
-        """Keep the words no longer, if they can be read again, and give back what the work so far has left."""
-        if self._read is not None:
+        """Keep the words of a long program no longer, if they can be read again, and give back what work has left."""
+        if self._read is not None and self._lines >= MANY_LINES:
             self._words = None
-            give_memory_back()
+            give_memory_back(self._lines)
 
 
 class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -345,8 +342,8 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     def word_parts(self) -> Iterator[WordTable]:
         """Yield all words, those of some lines at a time, and keep none."""
-        for low in range(0, self.blocks, _PART):
-            yield self.source.part(low, min(low + _PART, self.blocks))
+        for low in range(0, self.blocks, MANY_LINES):
+            yield self.source.part(low, min(low + MANY_LINES, self.blocks))
 
     @property
     def blocks(self) -> int:

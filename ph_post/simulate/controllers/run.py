@@ -207,7 +207,7 @@ def _blocks(
         begin, least = end[-1] if end.size else begin, least + float((made.length / made.speed).sum())
         if least > longest:
             parts = [without_places(one) for one in parts]
-    give_memory_back()
+    give_memory_back(program.blocks)
     blocks = join_blocks(parts)
     pause, joined = rests_before(*stops, blocks.motion, planner)
     blocks = blocks._replace(pause=pause, joined=joined)
