@@ -147,8 +147,8 @@ def _is_fed_forward(problem: AxisProblem, fitted: FittedModel, early: float) -> 
 def _with_even_gap(choice: ModelChoice, fitted: FittedModel) -> tuple[ModelChoice, FittedModel]:
     """Put one width in the place of a backlash whose slope along the travel is within its error."""
     for number, one in enumerate(_sized(with_noise(choice.problem, fitted), fitted)):
-        slope = one.values.get("slope", math.inf)
-        if one.part.hypothesis.name == VARYING and abs(slope) < SLOPE * one.errors["slope"]:
+        sloped = one.part.hypothesis.name == VARYING and "slope" in one.values
+        if sloped and abs(one.values["slope"]) < SLOPE * one.errors["slope"]:
             even = ModelPart(hypothesis=BACKLASH, numbers=one.part.numbers[1:])
             choice = instead(choice, number, even)
             return choice, fit_model(choice.problem, choice.fitted.model, choice.problem.counted)

@@ -131,6 +131,15 @@ def test_a_backlash_whose_slope_is_within_its_error_has_one_width() -> None:
     assert sloping.found[0].values["slope"] == pytest.approx(20.0 * UM * 10.0, rel=0.1)
 
 
+def test_a_backlash_that_is_wider_about_a_place_keeps_its_bump() -> None:
+    where, width = 0.4 * float(np.max(servo())), 0.2 * float(np.ptp(servo()))
+    bump = play(20.0 * UM) * np.exp(-(((servo() - where) / width) ** 2))
+    found = chosen(bump, {"position_dependent_backlash/bump": (15.0 * UM, 0.8 * where, math.log(1.3 * width))}).found
+    assert [one.part.hypothesis.name for one in found] == ["position_dependent_backlash"]
+    assert found[0].values["bump"] == pytest.approx(20.0 * UM, rel=0.1)
+    assert found[0].values["centre"] == pytest.approx(where, abs=0.1 * width)
+
+
 def test_a_servo_none_of_whose_numbers_is_separate_from_the_file_is_dropped() -> None:
     """The log shows the servo of the file: what b and c are off is noise."""
     dropped = 0
