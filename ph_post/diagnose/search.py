@@ -232,11 +232,11 @@ def starting_models(ground: Linearization, hypothesis: Hypothesis) -> list[Start
     if linear and max(map(abs, fitted.off), default=0.0) > BENT:
         bases.append((at_file(fitted), _rows(ground, at_file(fitted))))
     starts = list(hypothesis.starts(ground.problem, ground.fitted.left))
-    if any(
-        prior.field in hypothesis.replaces and abs(x) > BENT for prior, x in zip(fitted.priors, fitted.off, strict=True)
-    ):
+    replaced = [prior.field in hypothesis.replaces for prior in fitted.priors]
+    if any(gone and abs(x) > BENT for gone, x in zip(replaced, fitted.off, strict=True)):
         # Such a value has taken most of what the file is off by, and is the file's again beside the part.
-        starts += hypothesis.starts(ground.problem, residuals_of(ground.problem, at_file(fitted)))
+        without = replace(fitted, off=tuple(0.0 if gone else x for gone, x in zip(replaced, fitted.off, strict=True)))
+        starts += hypothesis.starts(ground.problem, residuals_of(ground.problem, without))
     found: list[StartingModel] = []
     for start in dict.fromkeys(starts):
         if linear:

@@ -134,3 +134,9 @@ def test_a_backlash_a_tenth_below_that_of_the_file_is_sized() -> None:
     assert result["findings"][0]["ambiguous_with"] == ["coulomb_friction"]
     assert near(result)
     assert quiet(result)
+
+
+@pytest.mark.slow
+def test_a_backlash_a_tenth_below_that_of_the_file_is_sized_beside_a_servo_that_is_off() -> None:
+    """Servo and backlash have given way together: looked for is from where the backlash alone is the file's again."""
+    is_named_and_sized("backlash", "act", "motor", 8001)
