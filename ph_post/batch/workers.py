@@ -32,7 +32,7 @@ PATIENCE: Final = 10.0
 ALONE: Final = 300.0
 """How long this computer may be without a worker before a batch ends [s]: Dask starts none for one that dies early."""
 
-LOOK: Final = 0.005
+LOOK: Final = 0.02
 """How often is looked for what is done [s]."""
 
 AHEAD: Final = 3
