@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import os
+import signal
 import sys
 from collections import Counter
 from collections.abc import Generator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 # Tests run side by side, a process a core: more threads in each would only wait for each other. Before numpy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -24,8 +26,9 @@ from support.amount import ALL, EVERY, examples
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
-# No test fails on a time: how long an example takes depends on who else uses the machine. A commit gives the same
-# answer wherever it is tested: the examples are drawn from the test itself, and anew only where that is asked for.
+# No test fails on a time, unless it hangs: how long one takes depends on who else uses the machine. A commit gives
+# the same answer wherever it is tested: the examples are drawn from the test itself, and anew only where that is
+# asked for.
 hypothesis.settings.register_profile(
     "ph_post", deadline=None, max_examples=examples(100), derandomize="PH_POST_NEW_EXAMPLES" not in os.environ
 )
@@ -37,6 +40,9 @@ SLOW_FOLDERS = ("tests/pages/", "tests/hidden/")
 """Folders whose tests drive a browser, or hide effects in plants and look for them."""
 
 ONE_AT_A_TIME = "tests/controllers"
+
+LONGEST = float(os.environ.get("PH_POST_TEST_TIME", "600"))
+"""Time [s] after which a test hangs: the slowest takes a tenth of it, and waits of their own end sooner."""
 
 LONG = (
     "property/test_gcode_reader_laws.py",
@@ -136,6 +142,27 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.skip(reason=f"slow: runs with {ALL}=1, or where its file is named"))
     if not named:
         items.sort(key=lambda item: BEGINNING.get(item.path, len(LONG)))
+
+
+class TestTimeError(BaseException):
+    """A test that hangs. It is no Exception: neither the package nor hypothesis catches it, to try once more."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Fail a test that hangs, and go on; where nothing interrupts it, as in compiled code, end process and run."""
+
+    def fail(*_: object) -> NoReturn:
+        raise TestTimeError(f"not done after {LONGEST:g} s")
+
+    signal.signal(signal.SIGALRM, fail)
+    signal.setitimer(signal.ITIMER_REAL, LONGEST)
+    faulthandler.dump_traceback_later(2.0 * LONGEST, exit=True, file=sys.__stderr__)
+    try:
+        return (yield)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 @pytest.hookimpl(optionalhook=True)

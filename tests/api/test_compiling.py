@@ -282,8 +282,8 @@ def test_of_two_processes_one_compiles_and_the_other_waits_for_it(toy, tmp_path,
     waiting.start()
     assert refused.wait(60)
     assert not answers
-    out, _ = other.communicate("now\n")
-    waiting.join()
+    out, _ = other.communicate("now\n", timeout=60)
+    waiting.join(60)
     assert answers == [14.0]
     assert out == "14.0\n"
     assert compiled_anew(found.whole) == 0

@@ -87,12 +87,23 @@ class Cluster:
             one.wait()
 
 
-def start_batch(folder, out, *more):
-    command = [sys.executable, "-m", "ph_post", "batch", str(folder), *FEW, "-o", str(out), *more]
-    with heeding_interrupts():
-        return subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT, start_new_session=True
-        )
+@pytest.fixture
+def start_batch():
+    """Start batches in sessions of their own, of which nothing is left behind the test."""
+    started = []
+
+    def start(folder, out, *more):
+        command = [sys.executable, "-m", "ph_post", "batch", str(folder), *FEW, "-o", str(out), *more]
+        said = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        with heeding_interrupts():
+            started.append(subprocess.Popen(command, **said, env=ENVIRONMENT, start_new_session=True))
+        return started[-1]
+
+    yield start
+    for one in started:
+        if one.poll() is None:
+            os.killpg(one.pid, signal.SIGKILL)
+            one.communicate()
 
 
 @pytest.mark.slow
@@ -116,7 +127,7 @@ def run_beside(folder, out, capsys):
 
 
 @pytest.mark.slow
-def test_a_scheduler_and_two_workers_of_which_one_is_killed(tmp_path):
+def test_a_scheduler_and_two_workers_of_which_one_is_killed(start_batch, tmp_path):
     folder, out = fill(tmp_path / "in", 18, bad=2), tmp_path / "out"
     with Cluster(tmp_path, 2) as cluster:
         run = start_batch(folder, out, "--scheduler", cluster.address)
@@ -136,7 +147,7 @@ def test_a_scheduler_and_two_workers_of_which_one_is_killed(tmp_path):
 
 
 @pytest.mark.slow
-def test_ctrl_c_stops_at_once_and_a_second_run_goes_on(tmp_path):
+def test_ctrl_c_stops_at_once_and_a_second_run_goes_on(start_batch, tmp_path):
     folder, out = fill(tmp_path / "in", 12, bad=0), tmp_path / "out"
     run = start_batch(folder, out, "--workers", "1")
     wait_for(lambda: len(list(out.glob("*.ngc"))) >= 2)
@@ -156,7 +167,7 @@ def test_ctrl_c_stops_at_once_and_a_second_run_goes_on(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_goes_away_is_one_line(tmp_path):
+def test_a_scheduler_that_goes_away_is_one_line(start_batch, tmp_path):
     folder, out = fill(tmp_path / "in", 12, bad=0), tmp_path / "out"
     with Cluster(tmp_path, 1) as cluster:
         run = start_batch(folder, out, "--scheduler", cluster.address)

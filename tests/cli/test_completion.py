@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import os
 import pty
+import select
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from support.pipelines import PATIENCE
 
 from ph_post.cli.main import COMMANDS, main
 from ph_post.compensate.strategies.registry import strategy_names
@@ -136,6 +138,8 @@ def test_a_bash_that_somebody_types_into_completes(shell):
 def _read_until(master: int, text: str) -> str:
     screen = ""
     while text not in screen:
+        ready, _, _ = select.select([master], [], [], PATIENCE)
+        assert ready, screen
         read = os.read(master, 4096)
         assert read, screen
         screen += read.decode()

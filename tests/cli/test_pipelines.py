@@ -10,7 +10,7 @@ import sys
 import types
 
 import pytest
-from support.pipelines import ROOT, call, environment, executable, run
+from support.pipelines import END, ROOT, call, environment, executable, run
 from support.shop import CIRCLE, SLOT
 
 from ph_post.cli.main import COMMANDS, filter_main, slicer_main
@@ -59,7 +59,7 @@ def test_the_filter_gives_nothing_but_the_program(part, tmp_path):
     assert process.stdin is not None
     process.stdin.close()
     process.stdin = None
-    out, err = process.communicate()
+    out, err = process.communicate(timeout=END)
     assert process.returncode == 0
     assert out.startswith(b"(ph-post ")
     assert undo(out, "slot") == SLOT.encode()

@@ -81,6 +81,7 @@ def posted(tmp_path_factory):
         text=True,
         env=environment,
         check=False,
+        timeout=300,
     )
     assert (folder / "report.json").exists(), run.stdout[-2000:] + run.stderr[-2000:]
     return folder, json.loads((folder / "report.json").read_text()), run.stdout + run.stderr

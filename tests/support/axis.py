@@ -146,7 +146,7 @@ def _display(environment: dict[str, str]) -> Iterator[None]:
         environment["DISPLAY"] = f":{server.stdout.readline().strip()}"
         yield
     finally:
-        server.terminate()
+        server.kill()
         server.communicate()
 
 

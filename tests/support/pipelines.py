@@ -23,6 +23,9 @@ ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 120.0
 """Longest time to wait for a line [s]: the machine may be busy, and compiles once."""
 
+END = 300.0
+"""Longest time to wait for the end of a command [s]."""
+
 TOLD = (
     "ph_post",
     "PYTHONPATH",
@@ -53,6 +56,7 @@ def run(*words: str | Path, cwd: Path | None = None, **more: str) -> subprocess.
         stdin=subprocess.DEVNULL,
         capture_output=True,
         check=False,
+        timeout=END,
     )
 
 
