@@ -20,7 +20,18 @@ from ph_post.edit.window_plans import WindowPlan
 from ph_post.gcode.paths import ProgramPath, paths_of
 from ph_post.gcode.program import AXES, LINE, RAPID, Motions
 from ph_post.geometry.numeric import zigzag
-from ph_post.types import Array, BoolArray, Crossing, FeedProfile, IntArray, Jog, Machine, TurningPoint, Window
+from ph_post.types import (
+    Array,
+    BoolArray,
+    Crossing,
+    FeedProfile,
+    IntArray,
+    Jog,
+    Machine,
+    TurningPoint,
+    Window,
+    unwritten,
+)
 
 MILLION: Final = 10**6
 
@@ -104,9 +115,12 @@ def _reach(motions: Motions, path: ProgramPath, points: Sequence[TurningPoint]) 
     A program of straight moves turns at the end of one of them.
     """
     s = np.array([point.s for point in points])
-    length = np.where(motions.kind[path.motion] == LINE, np.diff(path.s), 0.0)
     row = np.searchsorted(path.motion, path.to_motions(s)[0])
-    near = [float(length[max(k - 1, 0) : k + 2].max(initial=0.0)) for k in row.tolist()]
+    beside = row[:, None] + np.array([-1, 0, 1])
+    inside = (beside >= 0) & (beside < path.motion.size)
+    beside = np.where(inside, beside, 0)
+    straight = inside & (motions.kind[path.motion[beside]] == LINE)
+    near = np.where(straight, path.s[beside + 1] - path.s[beside], 0.0).max(axis=1)
     apart = np.full(len(points), np.inf)
     axes = np.array([point.axis for point in points])
     for axis in set(axes.tolist()):
@@ -115,7 +129,7 @@ def _reach(motions: Motions, path: ProgramPath, points: Sequence[TurningPoint]) 
         between = np.diff(s[own])
         apart[own[:-1]] = between
         apart[own[1:]] = np.minimum(apart[own[1:]], between)
-    return np.asarray(np.minimum(np.array(near), 0.5 * apart))
+    return np.asarray(np.minimum(near, 0.5 * apart))
 
 
 def _done(plans: Sequence[WindowPlan]) -> dict[Place, ReversalEdit]:
@@ -158,7 +172,7 @@ class _Changes(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def _changes_of(edits: Edits) -> _Changes:
     runs = edits.runs
     # What is not written of it takes no memory.
-    steps = np.zeros((runs.count, len(AXES)))
+    steps = unwritten((runs.count, len(AXES)))
     steps[runs.first] = runs.steps
     rows = []
     for stop in edits.stops:
@@ -297,10 +311,15 @@ def _shifted(
     column = changes.column[own]
     left_off: dict[str, dict[int, int]] = {}
     for name in changes.axes:
-        rests = {place[1] - back for place in places if place[0] == name for back in (0, 1)}
-        left_off[name] = _left_off(motions, path, AXES.index(name), rests)
+        asked = {place[1] - back for place in places if place[0] == name for back in (0, 1)}
+        left_off[name] = _left_off(motions, path, AXES.index(name), asked)
     found = []
-    still = (motions.start == motions.end) & (motions.kind == LINE)[:, None]
+
+    def rests(number: int, axis: int) -> bool:
+        """Return whether an axis stands still in a straight motion."""
+        return bool(motions.kind[number] == LINE and motions.start[number, axis] == motions.end[number, axis])
+
+    count = motions.kind.size
     for point, (name, motion, _), near, ends in zip(points, places, reach, at_end.tolist(), strict=True):
         if name not in changes.axes:
             found.append(False)
@@ -315,16 +334,24 @@ def _shifted(
         stops = (column == AXES.index(name)) & (end_at > low - near - PASSED) & (begin_at < point.s + near + PASSED)
         leaves = motion + (2 if ends else 1)
         # A rapid that takes the axis away takes up its backlash on the way, as a plunge behind a rapid does in the air.
-        while leaves < len(still) and ends and still[leaves - 1, AXES.index(name)]:
+        while leaves < count and ends and rests(leaves - 1, AXES.index(name)):
             leaves += 1
-        away = ends and (motions.kind[min(leaves, len(still)) - 1] == RAPID or motions.kind[motion] == RAPID)
+        away = ends and (motions.kind[min(leaves, count) - 1] == RAPID or motions.kind[motion] == RAPID)
         found.append(bool(away or stops.any() or changes.carried[begin + 1 : leaves, AXES.index(name)].any()))
     return found
 
 
+_PART: Final = 1 << 16
+"""Motions that are looked at together."""
+
+
 def _left_off(motions: Motions, path: ProgramPath, column: int, asked: Collection[int]) -> dict[int, int]:
     """Tell of some motions, those of a path, which was the last up to there that moved an axis; maybe itself."""
-    moves = np.flatnonzero(np.abs(motions.end[path.motion, column] - motions.start[path.motion, column]) > STILL)
+    moving = np.empty(path.motion.size, dtype=np.bool_)
+    for first in range(0, moving.size, _PART):
+        part = path.motion[first : first + _PART]
+        moving[first : first + _PART] = np.abs(motions.end[part, column] - motions.start[part, column]) > STILL
+    moves = np.flatnonzero(moving)
     own = np.unique(np.array([*asked], dtype=path.motion.dtype))
     row = np.minimum(np.searchsorted(path.motion, own), path.motion.size - 1)
     own, row = own[path.motion[row] == own], row[path.motion[row] == own]

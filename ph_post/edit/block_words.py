@@ -167,14 +167,15 @@ class FeedWords:
 
     def after(self, block: int) -> str | None:
         """Digits of the F word in force after a line, None where there is none."""
-        if block < 0 or np.isnan(self._program.feed_word[block]):
+        feed = math.nan if block < 0 else self._program.feed_after(block)
+        if math.isnan(feed):
             return None
         found = int(np.searchsorted(self._blocks, np.int32(block), side="right")) - 1
         if found < 0:
             return None
         word, words = self._words[found], self._program.words
-        if words.value[word] != self._program.feed_word[block]:
-            return number_text(float(self._program.feed_word[block]))
+        if words.value[word] != feed:
+            return number_text(feed)
         text = self._program.data[words.start[word] + 1 : words.end[word]]
         return text.translate(None, b" \t").decode("latin-1")
 

@@ -441,7 +441,7 @@ class ChangeWriter:
             )
             return self._inverse(MINUTE / max(own * length, length / feed))
         found = self._below(feed / words.modal.units * MINUTE)
-        if found == self._program.feed_word[words.block]:
+        if found == self._program.feed_after(words.block):
             found = self._below(found * (1.0 - 10.0**-_FEED_DIGITS * 5.0))
         return self._digits(found)
 

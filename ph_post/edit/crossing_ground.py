@@ -42,11 +42,11 @@ from ph_post.edit.reversals import (
 from ph_post.edit.threads import Threads
 from ph_post.gcode.further import further_lines
 from ph_post.gcode.motion_parts import places_along
-from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, plane_columns
+from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, PlaceArray, plane_columns
 from ph_post.simulate.controllers.legs import ACROSS
 from ph_post.simulate.controllers.moves import tolerance_of, tolerances
 from ph_post.simulate.controllers.run import planned_speeds
-from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
+from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine, unwritten
 from ph_post.units import MM
 
 APPROACH: Final = 2.0
@@ -158,14 +158,21 @@ class CrossingGround:
         self.feed = np.minimum(self.feed, self._kept)
         self.view = motion_view(program.motions)
         self.shiftable = shiftable(program)
-        self.way = np.nan_to_num(program.motions.end - program.motions.start, copy=False)
-        turning = np.zeros(self.way.shape, dtype=np.bool_)
-        arcs = np.flatnonzero(program.motions.kind == ARC)
-        turning[arcs[:, None], plane_columns(program.motions.plane[arcs])[:, :2]] = True
-        self.moving = [np.flatnonzero(column).astype(np.int32) for column in ((self.way != 0.0) | turning).T]
         kind = program.motions.kind
-        start, end = program.motions.start, program.motions.end
-        self.still = (kind == LINE) & ((start == end) | (np.isnan(start) & np.isnan(end))).all(axis=1)
+        # Column by column: an axis that hardly moves takes no memory.
+        self.way = unwritten((len(AXES), kind.size)).T
+        self.moving: list[PlaceArray] = []
+        self.still = kind == LINE
+        arcs = np.flatnonzero(kind == ARC)
+        turning = plane_columns(program.motions.plane[arcs])[:, :2]
+        for axis in range(len(AXES)):
+            start, end = program.motions.start[:, axis], program.motions.end[:, axis]
+            way = np.nan_to_num(end - start, copy=False)
+            moves = way != 0.0
+            self.way[moves, axis] = way[moves]
+            moves[arcs[(turning == axis).any(axis=1)]] = True
+            self.moving.append(np.flatnonzero(moves).astype(np.int32))
+            self.still &= (start == end) | (np.isnan(start) & np.isnan(end))
         self.low = low
         self.beam = BeamGuard(program, machine)
         self.contours = CutterContours(program)

@@ -29,7 +29,7 @@ from ph_post.edit.reversals import (
     SIGN,
 )
 from ph_post.gcode.program import AXES
-from ph_post.types import Array, Axis, ExactPath, IntArray
+from ph_post.types import Array, Axis, ExactPath, IntArray, unwritten
 
 
 class PlannedChanges(NamedTuple):
@@ -335,11 +335,13 @@ class CrossingSearch:
 
 def _lasting_offsets(changes: Sequence[tuple[int, int, float]], count: int) -> Array:
     """Return the offsets (m, 3) [m] at the ends of motions, by what each axis has from a motion on, in order."""
-    offset = np.zeros((count, len(AXES)))
+    # Column by column, so that an axis without an offset takes no memory.
+    offset = unwritten((len(AXES), count)).T
     until = [count] * len(AXES)
     # From the last one back, so that each motion is written once.
     for first, column, value in reversed(changes):
         if first < until[column]:
-            offset[first : until[column], column] = value
+            if value:
+                offset[first : until[column], column] = value
             until[column] = first
     return offset

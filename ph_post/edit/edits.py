@@ -163,9 +163,12 @@ def runs_of(offset: Array) -> OffsetRuns:
     >>> runs.first.tolist(), runs.lengths.tolist()
     ([0, 1], [1, 2])
     """
-    heads = np.append(True, (offset[1:] != offset[:-1]).any(axis=1))[: len(offset)]
+    heads = np.zeros(len(offset), dtype=np.bool_)
+    heads[:1] = True
+    for column in offset.T:  # one by one: there may be a million motions
+        heads[1:] |= column[1:] != column[:-1]
     first = np.flatnonzero(heads)
-    return OffsetRuns(first=sealed(first), value=sealed(offset[first]), count=len(offset))
+    return OffsetRuns(first=sealed(first), value=sealed(np.ascontiguousarray(offset[first])), count=len(offset))
 
 
 def no_offsets(count: int) -> OffsetRuns:

@@ -432,7 +432,7 @@ class _AxisPlanner:
             "no line may be added": modal.motion not in _MODES or modal.compensation not in (None, "G40"),
             f"the mode {modal.motion} has to last": relied,
             "the feed is one a turn (G95)": at_feed and not per_minute and modal.feed_mode != _INVERSE,
-            "the feed is not known": at_feed and per_minute and not program.feed_word[block - 1] > 0.0,
+            "the feed is not known": at_feed and per_minute and not program.feed_after(block - 1) > 0.0,
         }
         return next((f"{why} before line {block + 1}" for why, holds in whys.items() if holds), "")
 

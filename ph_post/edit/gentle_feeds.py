@@ -88,9 +88,16 @@ class GentleFeeds(NamedTuple):
                 kept.add(section)
         rows = [number for number, section in enumerate(sections) if section in kept]
         dips = tuple(self.dips[number] for number in rows)
+        if not dips:
+            return GentleFeeds((), (), _no_feed(self.feed.size))
         slow = np.concatenate([[-1], *(one.motion for one in dips)])
         feed = np.where(np.isin(np.arange(self.feed.size), slow), self.feed, math.inf)
         return GentleFeeds(dips, tuple(self.times[number] for number in rows), feed)
+
+
+def _no_feed(count: int) -> Array:
+    """Return the feed of so many motions of which none is passed slowly, in the memory of one number."""
+    return np.broadcast_to(math.inf, (count,))
 
 
 def gentle_feeds(program: PartProgram, machine: Machine, dialect: Dialect, axes: Collection[str]) -> GentleFeeds:
@@ -128,9 +135,9 @@ class _Finder:
     def found(self) -> GentleFeeds:
         """Return all dips."""
         motions = self._program.motions
-        feed = np.full(motions.kind.size, math.inf)
         if not self._slows or working_motions(self._program, self._machine.tool).tool != "cutter":
-            return GentleFeeds((), (), feed)
+            return GentleFeeds((), (), _no_feed(motions.kind.size))
+        feed = np.full(motions.kind.size, math.inf)
         slows = min(self._slows.values())
         back = BACK * math.sqrt(2.0 * self._gap / slows)
         late = max(response_time(self._machine.axes[AXES[column]].servo) for column in self._slows)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
@@ -229,7 +229,7 @@ class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     block: PlaceArray
     kind: CodeArray
-    chain: PlaceArray
+    chain: NDArray[Any]
     start: Array
     end: Array
     plane: CodeArray
@@ -298,15 +298,61 @@ class Modal(msgspec.Struct, frozen=True, kw_only=True):
     speed: float | None = None
 
 
+class LineFeeds(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The F in force after each line, as the program has it, NaN before the first.
+
+    `value` (r,) of runs of lines that begin at the lines `first` (r,); of all `count` lines where that is None, as F
+    changes on many of them.
+    """
+
+    value: Array
+    first: PlaceArray | None
+    count: int
+
+    def after(self, lines: IntArray | PlaceArray) -> Array:
+        """Return the F in force after some lines, shape (k,)."""
+        if self.first is None:
+            return np.asarray(self.value[lines])
+        return np.asarray(self.value[self.first.searchsorted(lines.astype(np.int32), side="right") - 1])
+
+
+_RUN: Final = 2
+"""Lines that a run has at least on the average where feeds are kept by runs."""
+
+
+def line_feeds(feed: Array) -> LineFeeds:
+    """Keep the F in force after each line (n,).
+
+    Examples
+    --------
+    >>> feeds = line_feeds(np.array([np.nan, 100.0, 100.0, 100.0, 100.0]))
+    >>> feeds.first.tolist(), feeds.after(np.array([0, 3])).tolist()
+    ([0, 1], [nan, 100.0])
+    """
+    new = np.ones(feed.size, dtype=np.bool_)
+    new[1:] = (feed[1:] != feed[:-1]) & ~(np.isnan(feed[1:]) & np.isnan(feed[:-1]))
+    if _RUN * np.count_nonzero(new) > feed.size:
+        return LineFeeds(value=sealed(feed), first=None, count=feed.size)
+    first = np.flatnonzero(new).astype(np.int32)
+    return LineFeeds(value=sealed(feed[first]), first=sealed(first), count=feed.size)
+
+
+def narrowed(numbers: NDArray[Any]) -> NDArray[Any]:
+    """Return numbers from 0 on in the narrowest type that has them all."""
+    most = int(numbers.max(initial=0))
+    kinds = (np.int8, np.int16, np.int32)
+    return numbers.astype(next(kind for kind in kinds if most <= np.iinfo(kind).max), copy=False)
+
+
 class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A part program.
 
     `lines` (n + 1,): the byte at which each line begins, and after the last the end of `data`; a line ends
     with its line end (LF, CR LF or CR), the last one perhaps without. `modal` the distinct modal states,
-    `state` (n,) the number of the one after each block, `feed_word` (n,) the F in force after each block as
-    the program has it, NaN before the first. `breaks` in order, the first at the beginning, the last at the
-    end. `notes` name what was passed through. `language` is the one it was read in, and the one for all
-    that is made of it. `centred` lines give the centre of an arc as a place, whatever the mode of centres.
+    `state` (n,) the number of the one after each block, `feeds` the F in force after each. `breaks` in order, the
+    first at the beginning, the last at the end. `notes` name what was passed through. `language` is the one it was
+    read in, and the one for all that is made of it. `centred` lines give the centre of an arc as a place, whatever
+    the mode of centres.
     `poles` are the centres (X, Y, Z) [units] that lines of their own set, None where not known or not set;
     `centre_users` by the line of what turns about one the line that sets it, and whether that is an arc that is
     understood. `rests` [s] are times for which X, Y and Z rest on lines that move other axes, where a model of the
@@ -320,8 +366,8 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     source: WordSource
     motions: Motions
     modal: tuple[Modal, ...]
-    state: PlaceArray
-    feed_word: Array
+    state: NDArray[Any]
+    feeds: LineFeeds
     breaks: tuple[Break, ...]
     notes: tuple[Note, ...]
     language: Language = RS274
@@ -364,7 +410,16 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         modes = np.array([modal.motion == "G33" for modal in self.modal], dtype=np.bool_)
         if not modes.any():
             return np.zeros(self.motions.kind.size, dtype=np.bool_)
-        return np.asarray(modes[self.state[self.motions.block]])
+        return np.asarray(modes[self.state[self.motions.block]], dtype=np.bool_)
+
+    @property
+    def feed_word(self) -> Array:
+        """The F in force after each line, as the program has it, NaN before the first, shape (n,)."""
+        return self.feeds.after(np.arange(self.blocks, dtype=np.int32))
+
+    def feed_after(self, block: int) -> float:
+        """Return the F in force after a line, as the program has it, NaN before the first."""
+        return float(self.feeds.after(np.array([block]))[0])
 
     def text(self, block: int) -> bytes:
         """Return the bytes of a line, its line end included."""
@@ -393,7 +448,8 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     def absolute_centres(self) -> BoolArray:
         """Return true for each line on which the centre of an arc is a place, shape (n,)."""
-        found = np.array([modal.arc_absolute for modal in self.modal], dtype=np.bool_)[self.state]
+        absolute = np.array([modal.arc_absolute for modal in self.modal], dtype=np.bool_)
+        found = np.asarray(absolute[self.state], dtype=np.bool_)
         found[self.centred] = True
         found[list(self.centre_lines)] = True
         return found

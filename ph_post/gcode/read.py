@@ -29,7 +29,9 @@ from ph_post.gcode.program import (
     PlaceArray,
     WordSource,
     WordTable,
+    line_feeds,
     make_modal,
+    narrowed,
     number_text,
     span_of,
 )
@@ -45,7 +47,7 @@ from ph_post.gcode.words import (
     lines_of,
     read_words,
 )
-from ph_post.types import Array, sealed
+from ph_post.types import Array, sealed, unwritten
 from ph_post.units import INCH, MM
 
 _TEXTS: Final = {
@@ -295,7 +297,7 @@ def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartPr
     rests = np.isin(blocks.whys, (codes.STAYING_G, codes.STAYING_M)) & (blocks.tasks == codes.REST)
     lost = np.where((blocks.whys < codes.QUIET) & ~rests, blocks.whys, 0)
     breaks = find_breaks(motions.block, blocks.marks, lost, blocks.end)
-    number = np.arange(len(breaks) - 1, dtype=np.int32)
+    number = narrowed(np.arange(len(breaks) - 1))
     chain = np.repeat(number, np.diff([one.motion for one in breaks]))
     return PartProgram(
         name=name,
@@ -305,8 +307,8 @@ def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartPr
         source=WordSource(lexed.words, partial(_words_again, data, lines, language, lexed.end)),
         motions=msgspec.structs.replace(motions, chain=chain),
         modal=tuple(make_modal(row) for row in blocks.table),
-        state=blocks.states,
-        feed_word=sealed(blocks.feeds),
+        state=sealed(narrowed(blocks.states)),
+        feeds=line_feeds(blocks.feeds),
         breaks=breaks,
         notes=notes,
         language=language,
@@ -506,10 +508,12 @@ def _make_motions(lexed: Lexed, blocks: _Blocks) -> Motions:
         drawn = _splines(lexed, blocks, [column[:count] for column in columns])
         if drawn is None:
             continue
-        block, kind, start, end, plane, feed, duration, exact = (_cut(column, count) for column in columns)
-        center, angle, turns = (_cut(column, count) for column in curves)
+        *own, duration, exact = columns
+        block, kind, start, end, plane, feed, exact = (_cut(column, count) for column in (*own, exact))
+        # Copies of these would be written to.
+        duration, center, angle, turns = (column[:count] for column in (duration, *curves))
         inches = (blocks.table[:, codes.UNITS] == INCH)[blocks.states[block]]
-        faults, radii = np.zeros(block.size, np.uint8), np.zeros((block.size, 2))
+        faults, radii = unwritten(block.size, np.uint8), unwritten((block.size, 2))
         if not solve_arcs(start, end, plane, turns, inches, center, angle, faults, radii):
             break
         for row in np.flatnonzero(faults).tolist():
@@ -552,10 +556,10 @@ def _trace(lexed: Lexed, blocks: _Blocks) -> tuple[tuple[Any, ...], tuple[Any, .
             places[1:] if shared else np.empty((room, 3)),
             np.empty(room, np.int8),
             np.empty(room),
-            np.zeros(room),
+            unwritten(room),
             np.empty(room, np.int8),
         )
-        curves = (np.zeros((room, 2)), np.zeros(room), np.zeros(room, np.int16))
+        curves = (unwritten((room, 2)), unwritten(room), unwritten(room, np.int16))
         count = int(trace_motions(text, modal, blocks.last, anchors, columns, curves, shared))
         if count >= 0:
             break

@@ -1,6 +1,6 @@
 """The records that travel through the package: frozen, keyword-only, SI units, arrays float64 and read-only."""
 
-from ph_post.types.arrays import Array, BoolArray, IntArray, Sealed, frozen, join_rows, sealed, take
+from ph_post.types.arrays import Array, BoolArray, IntArray, Sealed, frozen, join_rows, sealed, take, unwritten
 from ph_post.types.log import AxisLog, EffortUnit, Event, EventKind, Log, LogSide, Run
 from ph_post.types.loops import CONTROLLED_LOOPS, ENCLOSING_LOOPS, EVERY_LOOP, LOOPS, Feedback, Loop
 from ph_post.types.machine import (
@@ -123,4 +123,5 @@ __all__ = [
     "join_rows",
     "sealed",
     "take",
+    "unwritten",
 ]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import mmap
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import msgspec
 import numpy as np
@@ -26,6 +28,23 @@ def sealed(array: Sealed) -> Sealed:
     """Return an array that nobody else holds, from now on read-only: :func:`frozen` without a copy."""
     array.setflags(write=False)
     return array
+
+
+_LARGE: Final = 1 << 16
+"""Bytes from which :func:`unwritten` has pages of its own."""
+
+
+def unwritten(shape: int | tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:
+    """Return zeros that take no memory where nothing is written to them, however often they are read.
+
+    `np.zeros` takes what was freed before, where there is such memory, and fills it.
+    """
+    size = np.dtype(dtype).itemsize * math.prod(shape if isinstance(shape, tuple) else (shape,))
+    # Pages that processes share would be taken by reading.
+    flags = getattr(mmap, "MAP_PRIVATE", 0) | getattr(mmap, "MAP_ANONYMOUS", 0)
+    if size < _LARGE or not flags:
+        return np.zeros(shape, dtype)
+    return np.frombuffer(mmap.mmap(-1, size, flags=flags), dtype).reshape(shape)
 
 
 def take(record: Columns, rows: NDArray[Any]) -> Columns:

@@ -184,7 +184,7 @@ def _sides_of(case: VerifyCase, pairing: Pairing, found: Stretches) -> Array:
     Axes that do not cross in a change keep the shift with which it begins.
     """
     first = found.new.motion[found.new.first[:-1]]
-    sides = np.repeat(pairing.before[first][:, :, None], 2, axis=2)
+    sides = np.repeat(pairing.before_of(first)[:, :, None], 2, axis=2)
     crossing = crossing_axes(case, pairing)[found.change]
     for axis, both in declared_sides(case.declared).items():
         sides[crossing[:, axis], axis] = both
@@ -199,13 +199,13 @@ def _starts(case: VerifyCase, pairing: Pairing, found: Stretches, sides: Array) 
     """
     motions = case.compensated.motions
     first = found.new.motion[found.new.first[:-1]]
-    shift = np.clip(pairing.before[first], sides[:, :, 0], sides[:, :, 1])
+    shift = np.clip(pairing.before_of(first), sides[:, :, 0], sides[:, :, 1])
     either = np.repeat(shift[:, :, None], 2, axis=2)
     for axis, both in declared_sides(case.declared).items():
         unknown = (np.abs(shift[:, axis]) <= EXACT) & (sides[:, axis, 0] < sides[:, axis, 1])
         if unknown.any():
             ends = (motions.start[:, axis], motions.end[:, axis])
-            known = possible_sides(ends, motions.chain, swings_of(motions, axis), both)[first]
+            known = possible_sides(ends, motions.chain.astype(np.int32), swings_of(motions, axis), both)[first]
             either[unknown, axis] = known[unknown]
             far = np.abs(either[:, axis] - shift[:, axis, None])
             either[far[:, 1] < far[:, 0], axis] = either[far[:, 1] < far[:, 0], axis, ::-1]

@@ -5,14 +5,14 @@ Only declared amounts may be added, only where that is allowed, and they are tak
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from ph_post.compiling import compiled, read_only
 from ph_post.dialects.planners import planner_of
-from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, plane_columns
-from ph_post.types import Array, BoolArray, ExactPath, IntArray, Machine
+from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, PlaceArray, plane_columns
+from ph_post.types import Array, BoolArray, ExactPath, IntArray, Machine, unwritten
 from ph_post.units import MM, MM_PER_MIN
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
 from ph_post.verify.pairing import EXACT, Pairing, declared_lengths, declared_sides, format_shifts
@@ -179,16 +179,19 @@ _RELATIVE = 1e-9
 def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
     """Motions that stand for each other are the same but for one shift, which only a rapid may change."""
     one, other, old, new = case.original.motions, case.compensated.motions, pairing.old, pairing.new
-    places = (one.start, other.start, one.end, other.end, pairing.before, pairing.after)
-    changes, unknown = _changed_ends(tuple(map(read_only, places)), old, new)
+    places = tuple(map(read_only, (one.start, other.start, one.end, other.end)))
+    changes, unknown = np.zeros(old.size, dtype=np.bool_), np.zeros(old.size, dtype=np.bool_)
+    for axis in range(len(AXES)):
+        shift = read_only(pairing.before(axis)), read_only(pairing.after[:, axis])
+        _changed_ends(places, shift, axis, old, new, (changes, unknown))
     faults: tuple[tuple[FailureKind, BoolArray, str], ...] = (
         ("path", one.kind[old] != other.kind[new], "the motion is of another kind"),
         ("path", unknown, "the position is known in one of the programs only"),
         ("path", _bent(case, pairing), "the arc is another one"),
         ("path", _bulged(case, pairing), "the spline is another one"),
         ("path", one.exact[old] != other.exact[new], "the path mode at its end is another one"),
-        ("feed", _differ(one.feed[old], other.feed[new]), "the feed of the motion is another one"),
-        ("feed", _differ(one.duration[old], other.duration[new]), "the time of the motion is another one"),
+        ("feed", _differ(one.feed, other.feed, old, new), "the feed of the motion is another one"),
+        ("feed", _differ(one.duration, other.duration, old, new), "the time of the motion is another one"),
         (
             "offset",
             (one.kind[old] != RAPID) & changes,
@@ -201,22 +204,29 @@ def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
 
 
 @compiled
-def _changed_ends(places: Any, old: Any, new: Any) -> Any:
-    """Masks (p,) of the pairs of motions in which the shift changes, and that have an end known in one alone."""
-    old_start, new_start, old_end, new_end, before, after = places
-    changes, unknown = np.zeros(old.size, np.bool_), np.zeros(old.size, np.bool_)
+def _changed_ends(places: Any, shift: Any, axis: Any, old: Any, new: Any, found: Any) -> None:
+    """Mark the pairs (p,) in which the shift of an axis changes, and that have an end known in one alone."""
+    old_start, new_start, old_end, new_end = places
+    (before, after), (changes, unknown) = shift, found
     for pair in range(old.size):
         one, other = old[pair], new[pair]
-        for axis in range(3):
-            changes[pair] |= abs(after[other, axis] - before[other, axis]) > EXACT
-            unknown[pair] |= np.isnan(old_start[one, axis]) != np.isnan(new_start[other, axis])
-            unknown[pair] |= np.isnan(old_end[one, axis]) != np.isnan(new_end[other, axis])
-    return changes, unknown
+        changes[pair] |= abs(after[other] - before[other]) > EXACT
+        unknown[pair] |= np.isnan(old_start[one, axis]) != np.isnan(new_start[other, axis])
+        unknown[pair] |= np.isnan(old_end[one, axis]) != np.isnan(new_end[other, axis])
 
 
-def _differ(one: Array, other: Array) -> BoolArray:
-    """Mask of the numbers that differ by more than rounding; two unknown ones do not."""
-    return ~((np.abs(one - other) <= _RELATIVE * np.abs(one)) | (np.isnan(one) & np.isnan(other)))
+_PART: Final = 1 << 16
+"""Pairs that are compared at a time."""
+
+
+def _differ(one: Array, other: Array, old: PlaceArray, new: PlaceArray) -> BoolArray:
+    """Mask of the pairs of motions of which numbers differ by more than rounding; two unknown ones do not."""
+    found = np.empty(old.size, dtype=np.bool_)
+    for first in range(0, old.size, _PART):
+        part = slice(first, first + _PART)
+        a, b = one[old[part]], other[new[part]]
+        found[part] = ~((np.abs(a - b) <= _RELATIVE * np.abs(a)) | (np.isnan(a) & np.isnan(b)))
+    return found
 
 
 def _bent(case: VerifyCase, pairing: Pairing) -> BoolArray:
@@ -270,28 +280,29 @@ def check_amounts(case: VerifyCase, pairing: Pairing) -> None:
     sizes, sides = declared_lengths(case.declared), declared_sides(case.declared)
     change = pairing.new_change
     last = np.append(change[1:] != change[:-1], True)[: change.size] & (change != NO_CHANGE)
-    wrong = np.zeros(pairing.after.shape, dtype=bool)
     before = _before_approach(case, pairing)
-    for axis in range(3):
+    found: list[tuple[int, int]] = []
+    for axis in range(len(AXES)):
         offset, pulse = sizes.get(axis, (0.0, 0.0))
-        carried = pairing.after[:, axis]
-        off = np.abs(carried) > EXACT
+        carried = np.abs(pairing.after[:, axis])
+        off = carried > EXACT
         for value in sides.get(axis, ()):
-            off &= np.abs(carried - value) > EXACT
-        beyond = np.abs(carried) > max(offset, pulse) + EXACT
-        wrong[:, axis] = np.where(~pairing.jog | last, off, beyond | (off & (pulse == 0.0)))
-        wrong[before[:, axis] & (np.abs(carried) <= pulse + offset + EXACT), axis] = False
-    wrong[pairing.crossed & ~pairing.closing] = False
-    # A wrong shift lasts until it is taken back: it is reported where it begins.
-    begins = wrong & ~np.vstack([np.zeros((1, 3), dtype=bool), wrong])[:-1]
-    for motion, axis in np.argwhere(begins).tolist():
+            off &= np.abs(pairing.after[:, axis] - value) > EXACT
+        beyond = carried > max(offset, pulse) + EXACT
+        wrong = np.where(~pairing.jog | last, off, beyond | (off & (pulse == 0.0)))
+        wrong[before[:, axis] & (carried <= pulse + offset + EXACT)] = False
+        wrong[pairing.crossed & ~pairing.closing] = False
+        # A wrong shift lasts until it is taken back: it is reported where it begins.
+        begins = wrong & ~np.append(False, wrong)[:-1]
+        found += [(motion, axis) for motion in np.flatnonzero(begins).tolist()]
+    for motion, axis in sorted(found):
         _report_amount(case, pairing, motion, axis)
 
 
 def _before_approach(case: VerifyCase, pairing: Pairing) -> BoolArray:
     """Mask (k, 3) of the rapids and approaches at whose ends an axis waits for its own approach."""
     motions, approach = case.compensated.motions, pairing.approach
-    found = np.zeros(pairing.after.shape, dtype=bool)
+    found = unwritten(pairing.after.shape, np.bool_)
     for motion in np.flatnonzero(approach).tolist():
         axis = int(np.argmax(np.nan_to_num(np.abs(motions.end[motion] - motions.start[motion]))))
         first = motion - 1

@@ -10,7 +10,7 @@ import numpy as np
 
 from ph_post.compiling import compiled, read_only
 from ph_post.gcode.program import AXES, LINE, RAPID, CodeArray, Motions, PlaceArray
-from ph_post.types import Array, BoolArray, IntArray
+from ph_post.types import Array, BoolArray, IntArray, unwritten
 from ph_post.units import MM
 from ph_post.verify.declared import DeclaredChanges, DeclaredLength
 from ph_post.verify.line_pairs import NO_CHANGE, LinePairs, VerifyCase
@@ -34,8 +34,9 @@ class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     rapids inside them. `old_change`, `new_change` the change of every motion; `jog` (k,) is true for compensated
     motions that move an axis while the path stands still, `approach` (k,) for those of them that follow a rapid
     without a dwell; `crossed` (k,) for the motions of changes that name a crossing, but rapids and approaches,
-    `closing` (k,) for the last of them in their stretch; `before`, `after` (k, 3) [m] are the shifts of the axes
-    at the start and at the end of each compensated motion; inside a crossing they are not known.
+    `closing` (k,) for the last of them in their stretch; `after` (k, 3) [m] are the shifts of the axes at the end of
+    each compensated motion; inside a crossing they are not known. Each begins with the shift with which the one before
+    it ends, but those of `anew`: by axis the motions, and the shifts [m] with which they begin.
     """
 
     old: PlaceArray
@@ -46,8 +47,26 @@ class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     approach: BoolArray
     crossed: BoolArray
     closing: BoolArray
-    before: Array
-    after: Array
+    shifts: Array
+    anew: Mapping[int, tuple[PlaceArray, Array]]
+
+    @property
+    def after(self) -> Array:
+        """Shifts at the ends of all motions, shape (k, 3) [m]."""
+        return self.shifts[:, 1:].T
+
+    def before(self, axis: int) -> Array:
+        """Return the shifts of an axis at the starts of all motions, shape (k,) [m]."""
+        found = self.shifts[axis, :-1]
+        if axis not in self.anew:
+            return found
+        found, (motions, begins) = found.copy(), self.anew[axis]
+        found[motions] = begins
+        return found
+
+    def before_of(self, motions: IntArray) -> Array:
+        """Return the shifts at the starts of some motions, shape (n, 3) [m]."""
+        return np.stack([self.before(axis)[motions] for axis in range(len(AXES))], axis=1)
 
     @property
     def left_out(self) -> BoolArray:
@@ -74,7 +93,7 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
     crossed = named[new_change] & (other.kind != RAPID) & ~approach & ~_first_of_all(other, new_change, jog)
     last_old, last_new, alone, closing = _crossed_ends(one, other, old_change, new_change, crossed, approach)
     ends = np.append(old, last_old.astype(old.dtype)), np.append(new, last_new.astype(new.dtype))
-    before, after = _follow_shifts(one, other, ends, (jog & ~crossed) | alone, new)
+    shifts, anew = _follow_shifts(one, other, ends, (jog & ~crossed) | alone, new)
     case.findings.count("motions", other.block.size)
     case.findings.count("jogs", int(jog.sum()))
     return Pairing(
@@ -86,8 +105,8 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
         approach=approach,
         crossed=crossed,
         closing=closing,
-        before=before,
-        after=after,
+        shifts=shifts,
+        anew=anew,
     )
 
 
@@ -221,7 +240,7 @@ def _first_of_all(motions: Motions, change: PlaceArray, jog: BoolArray) -> BoolA
     head = run_begins(change)[jogs]
     leading = jogs - head == np.arange(jogs.size) - np.searchsorted(jogs, head)  # none but jogs before it there
     jogs, head = jogs[leading], head[leading]
-    begins = run_begins(motions.chain)[jogs]
+    begins = run_begins(motions.chain.astype(np.int32))[jogs]
     for axis in range(len(AXES)):
         way = np.abs(motions.end[:, axis] - motions.start[:, axis]) > EXACT
         moved = np.append(np.int32(0), np.cumsum(way, dtype=np.int32))
@@ -330,50 +349,54 @@ def dwell_beside(
 
 def _follow_shifts(
     one: Motions, other: Motions, ends: tuple[PlaceArray, PlaceArray], jog: BoolArray, paired: PlaceArray
-) -> tuple[Array, Array]:
-    """Shifts at the start and end of each motion: where ends stand for each other their difference, else the jogs.
+) -> tuple[Array, dict[int, tuple[PlaceArray, Array]]]:
+    """Shifts at the end of each motion: where ends stand for each other their difference, else the jogs.
 
-    `paired` are the motions that stand for another one from start to end.
+    `paired` are the motions that stand for another one from start to end. Returns `shifts` and `anew` of
+    :class:`Pairing`, the former of each axis (3, k + 1), those before the first motion as well.
     """
-    shift = np.asarray(_shifts(read_only(one.end), read_only(other.start), read_only(other.end), *ends, jog))
-    apart = _starts_apart(read_only(one.start), read_only(other.start), ends[0], paired, shift)
-    before, after = shift[:-1], shift[1:]
-    if apart.any():
-        # Otherwise each begins with the shift with which the last one ends: one array has both.
-        before = before.copy()
-        for axis in np.flatnonzero(apart).tolist():
-            begins = other.start[paired, axis] - one.start[ends[0][: paired.size], axis]
-            before[paired, axis] = np.nan_to_num(begins)
-    return before, after
+    # An axis that is never shifted takes no memory.
+    shifts, partner = unwritten((len(AXES), jog.size + 1)), ends[0][: paired.size]
+    _shifts(read_only(one.end), read_only(other.start), read_only(other.end), *ends, jog, shifts)
+    anew = {}
+    for axis in range(len(AXES)):
+        apart = _starts_apart(read_only(one.start), read_only(other.start), partner, paired, shifts[axis], axis)
+        if apart.size:
+            begins = other.start[paired[apart], axis] - one.start[partner[apart], axis]
+            anew[axis] = paired[apart], np.nan_to_num(begins)
+    return shifts, anew
 
 
 @compiled
-def _shifts(old_end: Any, start: Any, end: Any, old: Any, new: Any, jog: Any) -> Any:
-    """Shifts of the axes before the first motion and after each, (k + 1, 3): the latest pair's, and jogs."""
-    shift = np.full((jog.size + 1, 3), np.nan)
+def _shifts(old_end: Any, start: Any, end: Any, old: Any, new: Any, jog: Any, shifts: Any) -> None:
+    """Fill shifts of the axes before the first motion and after each, (3, k + 1): the latest pair's, and jogs."""
+    own = np.empty(jog.size)
     for axis in range(3):
+        own[:] = np.nan
         for pair in range(new.size):
             way = end[new[pair], axis] - old_end[old[pair], axis]
-            shift[new[pair] + 1, axis] = 0.0 if np.isnan(way) else way
-        latest = total = before = shift[0, axis] = 0.0
+            own[new[pair]] = 0.0 if np.isnan(way) else way
+        latest = total = before = 0.0
         for k in range(jog.size):
             way = end[k, axis] - start[k, axis] if jog[k] else 0.0
             total += 0.0 if np.isnan(way) else way
-            if not np.isnan(shift[k + 1, axis]):
-                latest, before = shift[k + 1, axis], total
-            shift[k + 1, axis] = latest + total - before
-    return shift
+            if not np.isnan(own[k]):
+                latest, before = own[k], total
+            shift = latest + total - before
+            if shift != 0.0:
+                shifts[axis, k + 1] = shift
 
 
 @compiled
-def _starts_apart(old_start: Any, start: Any, old: Any, paired: Any, shift: Any) -> Any:
-    """Mask (3,) of the axes of which a paired motion begins with another shift than the motion before it ends with."""
-    found = np.zeros(3, np.bool_)
-    for axis in range(3):
-        for pair in range(paired.size):
-            way = start[paired[pair], axis] - old_start[old[pair], axis]
-            found[axis] |= shift[paired[pair], axis] != (0.0 if np.isnan(way) else way)
-    return found
+def _starts_apart(old_start: Any, start: Any, old: Any, paired: Any, shift: Any, axis: Any) -> Any:
+    """Numbers of the paired motions that begin with another shift of an axis than the motion before them ends with."""
+    found, count = np.empty(paired.size, np.int32), 0
+    for pair in range(paired.size):
+        way = start[paired[pair], axis] - old_start[old[pair], axis]
+        if shift[paired[pair]] != (0.0 if np.isnan(way) else way):
+            found[count] = pair
+            count += 1
+    return found[:count].copy()
 
 
 def crossing_axes(case: VerifyCase, pairing: Pairing) -> BoolArray:
@@ -390,7 +413,7 @@ def crossing_axes(case: VerifyCase, pairing: Pairing) -> BoolArray:
             found[change, [AXES.index(axis)] if axis else declared] = True
     motions = case.compensated.motions
     crossed = np.flatnonzero(pairing.crossed)
-    moved = np.abs(pairing.after[crossed] - pairing.before[crossed]) > EXACT
+    moved = np.abs(pairing.after[crossed] - pairing.before_of(crossed)) > EXACT
     way = np.nan_to_num(np.abs(motions.end[crossed] - motions.start[crossed]))
     moved |= (way > EXACT) & pairing.jog[crossed, None]
     row, column = np.nonzero(moved)

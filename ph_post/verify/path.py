@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ph_post.compiling import compiled, inner
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, Motions, PartProgram, PlaceArray, plane_columns
-from ph_post.types import Array, BoolArray, IntArray
+from ph_post.types import Array, BoolArray, IntArray, unwritten
 from ph_post.units import MM
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
 from ph_post.verify.pairing import (
@@ -236,23 +236,24 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
     motions = case.compensated.motions
     curves = np.isin(motions.kind, (CUBIC, NURBS))
     lines = polylines(motions, np.flatnonzero(curves), _SAGITTA)
-    first = np.zeros(motions.kind.size + 1, dtype=np.int32)
-    first[1:][curves] = np.diff(lines.first)
-    np.cumsum(first, out=first)
-    still = np.where(pairing.left_out, _SKIP, motions.chain)
+    first = unwritten(motions.kind.size + 1, np.int32)
+    if lines.first.size > 1:
+        first[1:][curves] = np.diff(lines.first)
+        np.cumsum(first, out=first)
+    still = np.where(pairing.left_out, np.int32(_SKIP), motions.chain)
     still[_beside_contours(case.compensated)] = _ANEW
-    crossing = crossing_axes(case, pairing)[pairing.new_change]
+    crossing = crossing_axes(case, pairing)
     beside = beside_longest(case.compensated)
     for name, amount in case.declared.offsets.items():
         axis, band = AXES.index(name), max(case.band, amount.metres)
-        chain = np.where((crossing[:, axis] & pairing.crossed) | beside, _ANEW, still)
+        chain = np.where((crossing[pairing.new_change, axis] & pairing.crossed) | beside, _ANEW, still)
         # Beyond an approach an axis is on neither side, be it by as much as the offset that only its other side has.
         sign = np.zeros(motions.kind.size, dtype=np.int8)
         for one, offset in zip((-1, 1), declared_sides(case.declared)[axis], strict=True):
             if offset != 0.0:
                 sign[np.abs(pairing.after[:, axis] - offset) <= EXACT] = one
         ends = (motions.start[:, axis], motions.end[:, axis])
-        shift = (pairing.before[:, axis], pairing.after[:, axis])
+        shift = (pairing.before(axis), pairing.after[:, axis])
         places = np.ascontiguousarray(lines.points[:, axis])
         back = _reverse_travel(sign, chain, ends, shift, swings_of(motions, axis), (places, first))
         over = back > _SPARE * band

@@ -216,7 +216,8 @@ def check_states(case: VerifyCase) -> None:
     )
     for place in _first_ones(unlike, new):
         _report_state(case, int(old[place]), int(new[place]))
-    expected, got = _after(original.feed_word, old, np.nan), compensated.feed_word[new]
+    expected = np.where(old < 0, np.nan, original.feeds.after(np.maximum(old, 0)))
+    got = compensated.feeds.after(new)
     timed = np.array([modal.feed_mode == INVERSE_TIME for modal in compensated.modal])
     unlike = expected != got
     rows = np.flatnonzero(unlike)

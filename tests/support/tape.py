@@ -20,6 +20,7 @@ from ph_post.gcode.program import (
     PartProgram,
     WordSource,
     WordTable,
+    line_feeds,
 )
 
 MM = 1e-3
@@ -129,7 +130,7 @@ class Tape:
             motions=self.motions(),
             modal=(Modal(),),
             state=np.zeros(count, dtype=np.int64),
-            feed_word=np.full(count, self.feed),
+            feeds=line_feeds(np.full(count, self.feed)),
             breaks=ends,
             notes=(),
         )

@@ -133,7 +133,7 @@ def _with_profiles(
     for line, row in motion_rows(motions, profiles):
         if line > 0 and not np.isnan(motions.feed[row]):
             speed = program.modal_after(line).units / MINUTE
-            before = float(program.feed_word[line - 1]) * speed
+            before = program.feed_after(line - 1) * speed
             found = None if np.isnan(before) else _parts(motions, row, before, profiles[line], speed)
             if found is not None:
                 if not (found.feeds > 0.0).all():

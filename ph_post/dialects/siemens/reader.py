@@ -22,7 +22,7 @@ from ph_post.dialects.siemens.translator import Translator
 from ph_post.dialects.siemens.words import without_comment
 from ph_post.expand.turning import has_feeds_per_turn
 from ph_post.gcode.codes import FEED_MODE
-from ph_post.gcode.program import PartProgram, PlaceArray
+from ph_post.gcode.program import PartProgram, PlaceArray, narrowed
 from ph_post.gcode.words import lines_of
 from ph_post.types import sealed
 
@@ -116,7 +116,7 @@ def with_own_modes(program: PartProgram, motions: Mapping[int, str]) -> PartProg
     """Return a program whose modes name the motion by the program's own word, by line."""
     if not motions:
         return program
-    modal, state = list(program.modal), program.state.copy()
+    modal, state = list(program.modal), program.state.astype(np.int32)
     known: dict[tuple[int, str], int] = {}
     for line, word in motions.items():
         key = int(state[line]), word
@@ -124,4 +124,4 @@ def with_own_modes(program: PartProgram, motions: Mapping[int, str]) -> PartProg
             known[key] = len(modal)
             modal.append(replace(modal[key[0]], motion=word or None))
         state[line] = known[key]
-    return replace(program, modal=tuple(modal), state=sealed(state))
+    return replace(program, modal=tuple(modal), state=sealed(narrowed(state)))

@@ -13,12 +13,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ph_post.bounds import check_places
+from ph_post.bounds import check_places, give_memory_back
 from ph_post.gcode.curves import curves_of
 from ph_post.gcode.program import ARC, CUBIC, NURBS, RAPID, Motions, PartProgram
 from ph_post.simulate.controllers.legs import NURBS_SPANS, SHORTEST, Legs
 from ph_post.simulate.controllers.unknown import known_ends
-from ph_post.types import Array, BoolArray, ExactPath, GrblChords, IntArray, KlipperChords
+from ph_post.types import Array, BoolArray, ExactPath, GrblChords, IntArray, KlipperChords, unwritten
 from ph_post.units import MINUTE
 
 _WIDEST: Final = 0.1
@@ -33,6 +33,9 @@ _FLAT: Final = 1e-4
 _WHOLE: Final = 1e-9
 """What a whole number of chords may lack by rounding."""
 
+
+_BEFORE_TRIM: Final = 32
+"""Parts that are joined before the memory of their columns is given back."""
 
 _COUNTABLE: Final = 1e15
 """Chords of one arc that are counted; far fewer are run."""
@@ -248,7 +251,7 @@ def _asked(program: PartProgram, legs: Legs, planner: ExactPath) -> Array:
     others = np.full(asked.size, math.inf)
     if planner.rapid_feed is not None:
         units = np.array([state.units for state in program.modal] or [1.0])[program.state[motions.block]]
-        words = program.feed_word[motions.block] * units / MINUTE
+        words = program.feeds.after(motions.block) * units / MINUTE
         others = np.where(words > 0.0, words, planner.rapid_feed)
     return np.asarray(np.maximum(np.where(free, others, asked), planner.least_feed))
 
@@ -271,11 +274,16 @@ def rests_before(
     asked = np.flatnonzero((pauses != 0.0) | (drains != 0.0))
     at = np.searchsorted(row, asked.astype(row.dtype))
     asked, at = asked[at < row.size], at[at < row.size]
-    pause, joined = np.zeros(row.size), np.ones(row.size, dtype=np.bool_)
+    pause, joined = unwritten(row.size), np.ones(row.size, dtype=np.bool_)
     np.add.at(pause, at, planner.dwell(pauses[asked]))
     joined[at[drains[asked] > 0.0]] = False
     joined[:1], pause[:1] = False, 0.0
     return pause, joined
+
+
+def without_rests(blocks: StraightBlocks) -> StraightBlocks:
+    """Return blocks of a part of a program, without their rests, which :func:`rests_before` finds for all of it."""
+    return blocks._replace(joined=np.zeros(0, dtype=np.bool_), pause=np.zeros(0))
 
 
 def without_places(blocks: StraightBlocks) -> StraightBlocks:
@@ -300,4 +308,7 @@ def _joined(parts: list[Any]) -> Any:
         part = parts.pop()
         whole[at - len(part) : at] = part
         at -= len(part)
+        if len(parts) % _BEFORE_TRIM == 0:
+            del part
+            give_memory_back()
     return whole

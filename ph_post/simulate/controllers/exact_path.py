@@ -8,6 +8,7 @@ ends at rest.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -30,25 +31,19 @@ def _gain(push: Array, length: Array, k: int) -> float:
 
 
 @compiled
-def look_ahead(limit: Array, length: Array, speed: Array, push: Array, joined: BoolArray, depth: int) -> Array:
-    """Return the squared speeds at the beginning, in the middle and at the end of blocks; Grbl's and Marlin's way.
+def look_ahead(begin: Array, length: Array, push: Array, joined: BoolArray, depth: int) -> None:
+    """Lower the squared speeds at the beginnings of blocks to what they can have; Grbl's and Marlin's way.
 
     Parameters
     ----------
-    limit : Array, shape (n,)
-        Of :func:`corner_speeds`.
-    length, speed, push, joined
+    begin : Array, shape (n,)
+        At first those of :func:`corner_speeds` [m²/s²].
+    length, push, joined
         As there.
     depth : int
         Blocks that are looked ahead, 0 for all: the last of them is taken to end at rest.
-
-    Returns
-    -------
-    Array, shape (n, 3)
-        [m²/s²]
     """
     count = length.size
-    begin, found = limit.copy(), np.empty((count, 3))
     for k in range(count - 1, -1, -1):
         after = begin[k + 1] if k + 1 < count and joined[k + 1] else 0.0
         begin[k] = min(begin[k], after + _gain(push, length, k))
@@ -63,12 +58,21 @@ def look_ahead(limit: Array, length: Array, speed: Array, push: Array, joined: B
             begin[k] = min(begin[k], ahead)
             ahead -= _gain(push, length, k)
     for k in range(count):
-        after = 0.0
         if k + 1 < count and joined[k + 1]:
-            after = begin[k + 1] = min(begin[k + 1], begin[k] + _gain(push, length, k))
+            begin[k + 1] = min(begin[k + 1], begin[k] + _gain(push, length, k))
         begin[k] = max(begin[k], 0.0)
-        found[k, 0], found[k, 2] = begin[k], after
-        found[k, 1] = min(speed[k] ** 2, 0.5 * (begin[k] + after + _gain(push, length, k)))
+
+
+@compiled
+def block_squares(begin: Array, after: Array, length: Array, speed: Array, push: Array) -> Array:
+    """Return the squared speeds at the beginning, in the middle and at the end of blocks (n, 3) [m²/s²].
+
+    They are worked out from those at the beginning and at the end.
+    """
+    found = np.empty((length.size, 3))
+    for k in range(length.size):
+        found[k, 0], found[k, 2] = begin[k], after[k]
+        found[k, 1] = min(speed[k] ** 2, 0.5 * (begin[k] + after[k] + _gain(push, length, k)))
     return found
 
 
@@ -79,7 +83,7 @@ def look_ahead_smoothly(
     """Return the squared speeds at the beginning, in the middle and at the end of blocks; Klipper's way.
 
     A second look-ahead with the acceleration `smooth` [m/s²] says how fast blocks may become that have to slow
-    down again. Arguments and result are those of :func:`look_ahead`.
+    down again. `limit` and `speed` are those of :func:`corner_speeds`; the result is that of :func:`block_squares`.
     """
     count = length.size
     gain = 2.0 * push * length
@@ -140,7 +144,7 @@ def sample(
     Parameters
     ----------
     square, times : Array, shape (n, 3)
-        Of :func:`look_ahead` and :func:`block_times`.
+        Of :func:`block_squares` and :func:`block_times`.
     push, length : Array, shape (n,)
         [m/s²] and [m]
     begins : Array, shape (n,)
@@ -202,7 +206,7 @@ def plan_trapezoids(blocks: StraightBlocks, planner: ExactPath, limits: Array) -
     -------
     Trapezoids
     """
-    square = _squares(blocks, corner_limits(blocks, planner, limits), planner, limits)
+    square = _squares(blocks, corner_limits(blocks, planner, limits), planner, limits)(slice(None))
     times = block_times(square, blocks.length, blocks.push)
     taken = times.sum(axis=1)
     begins = np.cumsum(blocks.pause + taken) - taken
@@ -219,17 +223,26 @@ def corner_limits(blocks: StraightBlocks, planner: ExactPath, limits: Array) -> 
     return found
 
 
-def _squares(blocks: StraightBlocks, limit: Array, planner: ExactPath, limits: Array) -> Array:
-    """Return the squared speeds of :class:`Trapezoids`, (n, 3) [m²/s²], with the limits of corners."""
-    joined = blocks.joined
-    found: Array
+def _squares(blocks: StraightBlocks, limit: Array, planner: ExactPath, limits: Array) -> Callable[[slice], Array]:
+    """Plan blocks with the limits of corners, which are overwritten.
+
+    Returns what gives the squared speeds of :class:`Trapezoids` of some blocks, (n, 3) [m²/s²].
+    """
     if isinstance(planner.corner, KlipperCorner):
         asked, shared = planner.corner.accel_to_decel, float(limits[:2, 1].min())
         smooth = 0.5 * shared if asked is None else min(asked, shared)
-        found = look_ahead_smoothly(limit, blocks.length, blocks.speed, blocks.push, joined, smooth)
-    else:
-        found = look_ahead(limit, blocks.length, blocks.speed, blocks.push, joined, planner.blocks or 0)
-    return found
+        found: Array = look_ahead_smoothly(limit, blocks.length, blocks.speed, blocks.push, blocks.joined, smooth)
+        return found.__getitem__
+    look_ahead(limit, blocks.length, blocks.push, blocks.joined, planner.blocks or 0)
+
+    def of(rows: slice) -> Array:
+        behind = slice(rows.start + 1 if rows.start else 1, rows.stop + 1 if rows.stop else None)
+        after = np.where(blocks.joined[behind], limit[behind], 0.0)
+        begin = limit[rows]
+        after = np.append(after, np.zeros(begin.size - after.size))
+        return np.asarray(block_squares(begin, after, blocks.length[rows], blocks.speed[rows], blocks.push[rows]))
+
+    return of
 
 
 _PART: Final = 1 << 16
@@ -241,13 +254,13 @@ def count_periods(
 ) -> int:
     """Count the periods that blocks take, as :func:`plan_exact`, which raises the same.
 
-    `limit` is what corners allow; neither places nor directions of the blocks are needed.
+    `limit` is what corners allow, and is overwritten; neither places nor directions of the blocks are needed.
     """
-    square = _squares(blocks, limit, planner, limits)
+    squares = _squares(blocks, limit, planner, limits)
     took, begin = np.empty(blocks.length.size), 0.0
     for first in range(0, took.size, _PART):
         part = slice(first, first + _PART)
-        times = block_times(square[part], blocks.length[part], blocks.push[part]).sum(axis=1)
+        times = block_times(squares(part), blocks.length[part], blocks.push[part]).sum(axis=1)
         # Summed in their order, as all of them together are.
         ends = np.cumsum(np.append(begin, blocks.pause[part] + times))
         took[part], begin = blocks.pause[part] + times, float(ends[-1])

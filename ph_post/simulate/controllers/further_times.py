@@ -71,7 +71,7 @@ def _rest_to_rest(way: float | Array, limits: Limits) -> Array:
 
 def _alone(program: PartProgram, block: int, least: float, square: float) -> float:
     """Return the time of a line on which X, Y and Z rest."""
-    modal, feed = program.modal[program.state[block]], float(program.feed_word[block])
+    modal, feed = program.modal[program.state[block]], program.feed_after(block)
     if modal.motion == "G0" or not feed > 0.0:
         return least
     return max(least, MINUTE / feed if modal.feed_mode == _INVERSE else float(np.sqrt(square)) / feed * MINUTE)

@@ -16,7 +16,7 @@ from ph_post.compiling import compiled, inner
 from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, PartProgram
 from ph_post.simulate.controllers.legs import ACROSS, SHORTEST, Legs, make_legs, with_splines
 from ph_post.simulate.controllers.unknown import known_ends
-from ph_post.types import Array, BoolArray, IntArray, Limits, Machine, RoundedPath
+from ph_post.types import Array, BoolArray, IntArray, Limits, Machine, RoundedPath, unwritten
 
 MOST_LINKED = 101
 """Lines that become one at most."""
@@ -310,7 +310,7 @@ def _number(path: str | None, letter: str) -> float:
 def stops_before(program: PartProgram) -> tuple[Array, Array]:
     """Return how long the axes rest before each motion [s], and 1 where the planner runs dry before it, 0 elsewhere."""
     words, block = program.commands, program.motions.block
-    pause, drains = np.zeros(block.size), np.zeros(block.size)
+    pause, drains = unwritten(block.size), unwritten(block.size)
     letter, value = words.letter, words.value
     m_words = letter == ord("M")
     before = (letter == ord("S")) | (m_words & np.isin(value, STOPS_BEFORE))

@@ -22,6 +22,7 @@ from ph_post.simulate.controllers.chords import (
     rests_before,
     straight_blocks,
     without_places,
+    without_rests,
 )
 from ph_post.simulate.controllers.durations import check_duration, refuse_run
 from ph_post.simulate.controllers.exact_path import (
@@ -203,7 +204,7 @@ def _blocks(
         part = _part_of(program, first, first + PART)
         start, end = known_ends(part, begin)
         made = straight_blocks(part, bare_legs(part, limits, start, end), limits, planner, begin)
-        parts.append(made._replace(motion=made.motion + np.int32(first)))
+        parts.append(without_rests(made._replace(motion=made.motion + np.int32(first))))
         begin, least = end[-1] if end.size else begin, least + float((made.length / made.speed).sum())
         if least > longest:
             parts = [without_places(one) for one in parts]
@@ -211,7 +212,9 @@ def _blocks(
     blocks = join_blocks(parts)
     pause, joined = rests_before(*stops, blocks.motion, planner)
     blocks = blocks._replace(pause=pause, joined=joined)
-    check_duration(program, blocks.motion, blocks.length / blocks.speed + blocks.pause, period)
+    took = blocks.length / blocks.speed
+    took += blocks.pause
+    check_duration(program, blocks.motion, took, period)
     return blocks
 
 
