@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Final
 
@@ -41,7 +42,7 @@ from ph_post.edit.reversals import section_spans
 from ph_post.edit.threads import THREAD_LEFT, Threads
 from ph_post.edit.undo import original_of
 from ph_post.edit.window_plans import PlannedWindows, WindowPlan, edit_windows, plan_windows, shifts_axes
-from ph_post.edit.write import apply_edits, declare
+from ph_post.edit.write import LongLinesError, apply_edits, declare
 from ph_post.errors import InputError
 from ph_post.gcode.paths import ProgramPath, paths_of
 from ph_post.gcode.program import PartProgram
@@ -177,11 +178,22 @@ def _verified(
     try:
         return verify(original, after, tolerance=request.edit.tolerance, machine=machine), ()
     except InputError as error:
-        place, origins = _LINE.search(error.where), line_origins(after, original)
-        if place is None or origins is None or not 0 < int(place[1]) <= after.blocks:
+        line = _LINE.search(error.where)
+        if line is None or not 0 < int(line[1]) <= after.blocks:
             raise
-        motion = int(np.searchsorted(original.motions.block, np.int32(origins.first[int(place[1]) - 1])))
-        return None, ((motion, motion),)
+        places = _moved_by(original, after, [int(line[1]) - 1])
+        if not places:
+            raise
+        return None, places
+
+
+def _moved_by(original: PartProgram, after: PartProgram, lines: Sequence[int]) -> Places:
+    """Return the motions of an original for which lines of its compensated program stand, from 0; none if unknown."""
+    origins = line_origins(after, original)
+    if origins is None:
+        return ()
+    motions = np.searchsorted(original.motions.block, origins.first[list(lines)])
+    return tuple((motion, motion) for motion in dict.fromkeys(motions.tolist()))
 
 
 def _best_lead(
@@ -335,6 +347,7 @@ class _PlanSearch:
         self._original = original
         self._count = section_spans(self._original.motions)[0].size
         self._said: tuple[str, ...] = ()
+        self._why, self._reasons = "", dict[str, None]()
         self._best: CompensatedProgram | None = None
         self._kept: tuple[EditOptions, GuardFinding] | None = None
         self._over, self._further, self._enough = math.inf, 0, math.inf
@@ -373,11 +386,25 @@ class _PlanSearch:
         self._progress("writing")
         original.source.let_go()
         declaration = _declaration(original, edits, planner.machine, planner.dialect, request)
-        data = apply_edits(original, edits, planner.dialect, declaration)
+        long: LongLinesError | None = None
+        try:
+            data = apply_edits(original, edits, planner.dialect, declaration)
+        except LongLinesError as error:
+            long, data = error, error.text
         original.source.let_go()
         self._progress("verifying")
         after = reread(original, data)
-        verdict, refused = _verified(original, after, request, planner.machine)
+        if long is None:
+            verdict, refused = _verified(original, after, request, planner.machine)
+        else:
+            verdict, refused = None, _moved_by(original, after, long.lines)
+            if not refused:
+                raise long
+        self._why = (
+            "a change would not pass the check"
+            if long is None
+            else f"a line would be too long for {planner.dialect.name}"
+        )
         original.source.let_go()
         after.source.let_go()
         timed = reckoned_feeds(after, planner.machine)
@@ -469,6 +496,7 @@ class _PlanSearch:
         Of a section the motions about it are left first, then all of it.
         """
         original, verdict = self._original, made.verdict
+        self._reasons[self._why] = None
         places = refused if verdict is None else _failed_places(original, made.after, verdict)
         assert made.edits is not None
         standing = _crossed_in(made.edits, places)
@@ -485,7 +513,7 @@ class _PlanSearch:
             failed = frozenset(range(self._count)) - options.left
         options = replace(options, left=options.left | failed, stretches=(*options.stretches, *stretches))
         where = stretch_words(original, self._left_alone(options))
-        self._said = (f"not compensated in {where}: a change would not pass the check",)
+        self._said = (f"not compensated in {where}: {', or '.join(self._reasons)}",)
         return options
 
     def _left_alone(self, options: EditOptions) -> Places:

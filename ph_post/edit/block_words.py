@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from ph_post.dialects.base import Dialect
 from ph_post.edit.motion_edits import MotionPart
 from ph_post.errors import InputError
 from ph_post.gcode.codes import takes_axes
@@ -29,6 +30,9 @@ MOTION_WORDS: Final = {
 _ENDING: Final = (2.0, 30.0)
 """M words after which nothing is read."""
 
+COMMENT: Final = re.compile(r"\([^)]*\)|;.*")
+"""A comment of a line, in parentheses or up to its end."""
+
 MOTION_LETTERS: Final = "XYZABCUVWIJKR"
 """Letters of words that make a block move."""
 
@@ -39,6 +43,14 @@ def line_end(program: PartProgram) -> str:
         if program.text(0).endswith(mark.encode()):
             return mark
     return "\n"
+
+
+def longest_line(program: PartProgram, dialect: Dialect) -> int:
+    """Return how long a line with its end may be: as the dialect allows, or as the longest of the program is."""
+    own = int(np.diff(program.lines).max())
+    if not program.data.endswith((b"\n", b"\r")):
+        own += len(line_end(program))
+    return max(dialect.syntax.max_line + len("\r\n"), own)
 
 
 def line_text(program: PartProgram, block: int) -> str:

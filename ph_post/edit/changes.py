@@ -110,6 +110,7 @@ class ChangeWriter:
         self._decimals, self._numbers = decimals, numbers
         self._tolerance, self._rounding = tolerance, rounding
         self._fine = fine_decimals(program, decimals)
+        self._room = block_words.longest_line(program, dialect)
         self._feeds = block_words.FeedWords(program)
         self._unfed = _unfed(program)
         self._change: Change | None = None
@@ -309,6 +310,10 @@ class ChangeWriter:
         line = block_words.edited_line(self._program, block, exchange, add, first=first).rstrip()
         if part.low > 0.0 or part.high < 1.0:
             line = with_filament(self._program, block, line, part.low, part.high)
+        if len(line) + len("\r\n") > self._room and not line.startswith("/"):
+            # A comment is read before its line is executed: it may as well stand on the line before.
+            self._change.lines += block_words.COMMENT.findall(line)
+            line = block_words.COMMENT.sub("", line).rstrip()
         self._change.lines.append(line)
         self._mode = mode
         self._feed = feed if cuts or own is not None else self._feed

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ph_post.dialects.base import Dialect
 from ph_post.dialects.declaration import Declaration, declaration_lines, has_marks, marked
-from ph_post.edit.block_words import line_end
+from ph_post.edit.block_words import COMMENT, line_end, longest_line
 from ph_post.edit.changes import Change, ChangeWriter
 from ph_post.edit.edits import EditOptions, Edits, dwell_time, no_offsets
 from ph_post.edit.motion_edits import schedule, stops_written
@@ -39,7 +39,6 @@ from ph_post.units import MM
 from ph_post.version import package_version
 
 _O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
-_COMMENT: Final = re.compile(r"\([^)]*\)|;.*")
 _PATH: Final = re.compile(rb"^\s*;\s*\$PATH=")
 """The folder of a SINUMERIK program, which stands right behind its name."""
 
@@ -64,6 +63,24 @@ _LARGEST: Final = 10**13
 
 FINEST: Final = 9
 """Decimals of a number of more digits that stay: a millionth of a micrometre."""
+
+
+class LongLinesError(InputError):
+    """Lines of a compensated program that come out too long for its controller.
+
+    Parameters
+    ----------
+    where, what, expected, got : str
+        As of :class:`~ph_post.errors.InputError`.
+    text : bytes
+        The program, without what restores the original.
+    lines : tuple of int
+        The lines of it, from 0.
+    """
+
+    def __init__(self, where: str, what: str, *, expected: str, got: str, text: bytes, lines: tuple[int, ...]) -> None:
+        super().__init__(where, what, expected=expected, got=got)
+        self.text, self.lines = text, lines
 
 
 class ShiftedNumbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -109,6 +126,8 @@ def apply_edits(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
     ------
     InputError
         Where the program was compensated before, or a change cannot be written in the dialect.
+    LongLinesError
+        Where lines come out too long for the dialect.
     """
     if edits.empty:
         return program.data
@@ -329,19 +348,21 @@ def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
 
     Where the program's own are longer than the limit, comments do not count there.
     """
-    limit, own = dialect.syntax.max_line + len("\r\n"), int(np.diff(program.lines).max())
-    if not program.data.endswith((b"\n", b"\r")):
-        own += len(line_end(program))
+    limit, most = dialect.syntax.max_line, longest_line(program, dialect)
     lines = split_lines(sealed(out))
-    for line in np.flatnonzero(np.diff(lines) > max(limit, own)).tolist():
+    long: dict[int, str] = {}
+    for line in np.flatnonzero(np.diff(lines) > most).tolist():
         text = out[lines[line] : lines[line + 1]].tobytes().decode("latin-1").strip()
-        if own > limit and len(_COMMENT.sub("", text)) <= dialect.syntax.max_line:
-            continue
-        raise InputError(
+        if most == limit + len("\r\n") or len(COMMENT.sub("", text)) > limit:
+            long[line] = text
+    if long:
+        raise LongLinesError(
             program.name,
             f"a line comes out too long for {dialect.name}",
-            expected=f"<= {dialect.syntax.max_line} characters",
-            got=text,
+            expected=f"<= {limit} characters",
+            got=next(iter(long.values())),
+            text=out.tobytes(),
+            lines=tuple(long),
         )
 
 

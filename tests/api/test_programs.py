@@ -19,7 +19,7 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.dialects.declaration import line_origins
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import EditOptions, Edits, StopEdit, runs_of
-from ph_post.edit.undo import undo
+from ph_post.edit.undo import original_of, undo
 from ph_post.errors import InputError
 from ph_post.gcode.paths import paths_of
 from ph_post.gcode.read import read_program
@@ -369,3 +369,18 @@ def test_a_program_whose_centres_are_places_is_compensated_and_says_so(tmp_path)
     result = compensate(file, read_machine("stepper"))
     assert any("I, J and K are taken for the places of the arcs' centres" in word for word in result.warnings)
     assert undo(result.program(), "plate.nc") == text.encode()
+
+
+def test_a_line_that_would_be_too_long_leaves_the_motions_about_it_alone():
+    """Of a zigzag of 60 strokes on Grbl one ends at column 70: all but those about it are followed."""
+    strokes = [f"G1 X{60.0 * (n % 2) + 0.3 * n:.1f} Y{2.0 * n:.1f} F1200" for n in range(1, 61)]
+    strokes[29] += f"({'x' * (68 - len(strokes[29]))})"
+    text = "\n".join(["G21 G90 G17", "G0 X0 Y0 Z2", "G1 Z-1 F300", *strokes, "G0 Z2", "M2", ""])
+    made = delivered(text, machine=stepper("grbl"), request=asked(strategy="auto"))
+    assert "a line would be too long for grbl" in " ".join(made.edits.warnings)
+    assert max(map(len, made.after.data.splitlines())) == 70
+    judged = compare(Judged("compensated"), "grbl", text.encode(), made.after.data)
+    assert judged.shown >= 55
+    assert judged.followed >= judged.shown - 9
+    assert judged.rms[1] < 1.1 * np.sqrt(7.0 / 60.0) * judged.rms[0]
+    assert original_of(made.after).data == text.encode()

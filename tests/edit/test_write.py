@@ -307,6 +307,14 @@ def test_a_line_that_comes_out_too_long_is_refused() -> None:
         compensate(text.encode(), STEPPER, dialect="grbl")
 
 
+def test_a_comment_that_makes_a_new_line_too_long_stands_before_it() -> None:
+    text = START + "G2 X10 Y0 I5 J0 (" + "x" * 50 + ")\nX0\nM2\n"
+    written = compensate(text.encode(), STEPPER, dialect="grbl").text.decode().splitlines()
+    place = written.index("(" + "x" * 50 + ")")
+    assert written[place + 1].startswith("G2 X")
+    assert max(map(len, written)) <= 70
+
+
 def test_a_line_may_grow_whose_comment_makes_it_longer_than_the_controller_s_line() -> None:
     text = START + "G1X10 ;" + "x" * 90 + "\nX0\nM2\n"
     assert "G1X10.03 ;" in compensate(text.encode(), STEPPER, dialect="grbl").text.decode()
