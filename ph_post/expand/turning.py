@@ -20,6 +20,9 @@ _FEED: Final = re.compile(rb"(?<![A-Z_])F[ \t]*=?[ \t]*(\d+\.?\d*|\.\d+)")
 SLOWEST: Final = 2.0
 """Feeds [mm/min or inch/min] up to which all of a program are more likely feeds a turn [mm or inch]."""
 
+TURNED_NOTE: Final = "holds for a lathe, where X is a diameter"
+"""Note in the head of compensated programs of lathes, by which they are known as such whatever feeds were added."""
+
 _GROUP_1: Final = re.compile(rb"G0*(?:[0123]|32|34)(?![\d.])")
 _PLACES: Final = re.compile(rb"[XZUW]\s*[-+.\d]")
 _DISTANCE: Final = re.compile(rb"G9([01])(?![\d.])")
@@ -34,8 +37,9 @@ _OWN: Final = re.compile(rb"G0*28(?!\d)[^\n\r]*U|G0*96(?!\d)")
 def is_turned(data: bytes, bare: bytes) -> bool:
     r"""Return whether a program of Fanuc's is one of a lathe: it has words that no mill has.
 
-    Those that `--expand` wrote out stand in comments, and are found there. It is one of a lathe, too, that moves X and
-    Z alone, at feeds that are none a minute, or with tools called as T0101 and G28 U or G96.
+    Those that `--expand` wrote out stand in comments, and are found there, and so is the note in the head of a
+    compensated program. It is one of a lathe, too, that moves X and Z alone, at feeds that are none a minute, or with
+    tools called as T0101 and G28 U or G96.
 
     Parameters
     ----------
@@ -55,6 +59,8 @@ def is_turned(data: bytes, bare: bytes) -> bool:
     (False, False)
     """
     text = data.upper()
+    if TURNED_NOTE.upper().encode() in text:
+        return True
     if b"G50" in text and _FASTEST.search(text) and _SURFACE.search(text):
         return True
     if b"G7" in text and any(_shape_of(found[0]) is not None for found in _CYCLE.finditer(text)):

@@ -197,3 +197,20 @@ def test_a_lathe_is_known_by_its_tools_and_a_drill_comes_to_its_axis_from_a_know
     assert read_as("fanuc", TOOLS_IN_TURN.encode(), "a.nc").motions.end[:, 0].max() == pytest.approx(0.03)
     mill = TOOLS_IN_TURN.replace("X40.", "X40. Y0.").encode()
     assert read_as("fanuc", mill, "a.nc").motions.end[:, 0].max() == pytest.approx(0.06)
+
+
+def test_a_lathe_that_is_known_by_its_slow_feeds_stays_one_with_the_feeds_of_crossings():
+    """Its arcs are in G18, which nothing says: read as a mill's they could not be understood."""
+    cuts = "G01 X40. F1.1\nX-0.4\nG00 X42. Z-4.\nG01 X30.\nZ-20.\nG03 X36. Z-23. I0 K-3.\nG01 Z-30.\nX41. Z-28.\n"
+    text = f"O0001\nG98\nT0202.0\nG00 X60. Z5.\nG00 X44. Z0\n{cuts}G00 X60.\nZ5.\nM30\n"
+    found = judge(Entry("slow", File(), "fanuc", text))
+    assert found.outcome == "compensated"
+    assert found.followed == found.shown > 2
+    assert 5.0 * found.rms[1] < found.rms[0]
+    source = SourceBytes(name="a.nc", stem="a", data=text.encode())
+    made = compensated(source, stepper("fanuc"), CompensateOptions(), "program", no_progress).program()
+    assert max(map(float, re.findall(r"F([.\d]+)", made.decode()))) > 100.0
+    assert made.count(b"(PH-POST: NOTE HOLDS FOR A LATHE, WHERE X IS A DIAMETER)") == 1
+    assert read_as("fanuc", made, "a.nc").language.diameters
+    source = SourceBytes(name="a.nc", stem="a", data=made)
+    assert compensated(source, stepper("fanuc"), CompensateOptions(), "program", no_progress).program() == made

@@ -139,7 +139,8 @@ def _version(dialect: str | None) -> str | None:
 
 def compare(found: Judged, dialect: str, before: bytes, after: bytes) -> Judged:
     """Play a program before and after compensation, and add to a finding what the tables do."""
-    one, other = (played_places(dialect, data) for data in (before, after))
+    turned = is_lathe(before.decode("utf-8-sig", "replace"))
+    one, other = (played_places(dialect, data, turned=turned) for data in (before, after))
     if one is None or other is None:
         return found
     path = one[0][one[1] | np.append(one[1][1:], False)]
@@ -157,8 +158,11 @@ def axes_of(dialect: str, after: bytes) -> str:
     return "XY" if dialect in PRINTERS and b"offset Z" not in after else "XYZ"
 
 
-def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
-    """Places of the motors (n, 3) [mm] and whether the tool cuts; None where nothing here reads the language."""
+def played_places(dialect: str, data: bytes, *, turned: bool | None = None) -> tuple[np.ndarray, np.ndarray] | None:
+    """Places of the motors (n, 3) [mm] and whether the tool cuts; None where nothing here reads the language.
+
+    It is `turned` where that is known of the original, in which no feeds were added.
+    """
     text = data.decode("utf-8-sig", "replace")
     if dialect in ("fanuc", "siemens") and (nobody_knows_where(text) or _SETTING_DECIDES[dialect](text.upper())):
         return None
@@ -175,7 +179,7 @@ def played_places(dialect: str, data: bytes) -> tuple[np.ndarray, np.ndarray] | 
         told: list[list[Move] | None] = [None]
         if dialect == "linuxcnc":
             told = [canon_moves(text, begin, TOOLS.read_text()) for begin, _ in begins]
-        elif dialect == "fanuc" and is_lathe(text):
+        elif dialect == "fanuc" and (is_lathe(text) if turned is None else turned):
             told = [lathe_moves(text.upper(), begin) for begin, _ in begins]
         if all(moves is not None for moves in told):
             return _sampled(told)

@@ -36,7 +36,7 @@ from ph_post.dialects.reading import (
     text_of,
 )
 from ph_post.expand.macro import COUNTED, SMALL, is_doubtful
-from ph_post.expand.turning import has_feeds_per_turn, has_increments_by_words, is_turned, shapes_of
+from ph_post.expand.turning import TURNED_NOTE, has_feeds_per_turn, has_increments_by_words, is_turned, shapes_of
 from ph_post.gcode.codes import ABSOLUTE, EXPRESSION, FEED_MODE, PLANE, QUIET
 from ph_post.gcode.language import Language
 from ph_post.gcode.numbers import masked
@@ -329,6 +329,7 @@ def read_fanuc(
         skips=True,
         contours=contours,
         diameters=lathe,
+        head=(TURNED_NOTE,) if lathe else (),
         fixed=_begun_modes(bare, lathe=lathe, by_words=by_words),
     )
     found = read_translated(data, lines, name, text.lines, text.remarks, in_place=True, language=language)
