@@ -36,6 +36,8 @@ _LETTERS: Final = re.compile(r"([a-z,]*[a-z])(.*)")
 _MODAL_CALL: Final = ("66", "66.1")
 _OTHER_CALLS: Final = frozenset(np.flatnonzero(M_EFFECT == CALLS).tolist())
 """M words that run other lines, which may read and set variables: interrupts, and subprograms of another kind."""
+_INTERRUPT: Final = 96
+"""The M word behind which a signal may call a macro at any place."""
 
 
 class MacroCall(msgspec.Struct, kw_only=True):
@@ -76,6 +78,7 @@ class FanucRunner:
         self._standing = standing
         self._find, self._main = find, source
         self._read: dict[tuple[str, int], MacroLine] = {}
+        self._computes = False
         first = next((k for k in range(len(source.texts)) if self._line(source, k).program >= 0), 0)
         self.calls = [MacroCall(source=source, first=first, last=self._end(source, first), at=0)]
 
@@ -115,7 +118,7 @@ class FanucRunner:
             if progress.step(partial(self._step, call), call.source.name, call.at + 1, len(self.blocks.lines)):
                 return self.blocks.lines + self._main.texts[self.calls[0].at :]
 
-    def _step(self, call: MacroCall) -> bool:
+    def _step(self, call: MacroCall) -> bool:  # noqa: PLR0911
         line = self._line(call.source, call.at)
         call.at += 1
         self.blocks.at = (call.source.name, call.at)
@@ -130,18 +133,25 @@ class FanucRunner:
             return False
         orders = {round(float(number)) for letter, number in line.plain if letter == "m" and number}
         codes = {number.lstrip("0") for letter, number in line.plain if letter == "g"}
-        if line.optional and (line.order or orders & {98, 99} or "65" in codes):
-            raise NotExpandableError("a line with a slash runs or not as the control's switch says")
         if codes & set(_MODAL_CALL):
             raise NotExpandableError("a macro that is called by every motion: G66")
         if orders & _OTHER_CALLS:
-            raise NotExpandableError(f"a call that is not followed: M{min(orders & _OTHER_CALLS)}")
+            self._keep_call(line, NotExpandableError(f"a call that is not followed: M{min(orders & _OTHER_CALLS)}"))
+            return False
+        if line.optional and (line.order or orders & {98, 99} or "65" in codes):
+            self._run_optional(line, orders)
+            return False
+        self._computes = self._computes or line.computed
         if line.order:
             self.blocks.changed = True
             self._obey(call, line)
             return False
+        if 99 in orders and len(self.calls) == 1 and all(letter != "p" for letter, _ in line.plain):
+            # A subprogram by itself, or a program that begins anew, where nothing is known.
+            self._check_values(line, ExpandError("M99 in the main program: it never ends"))
+            self._write(line)
+            return True
         if orders & {98, 99} or "65" in codes:
-            self.blocks.changed = True
             self._call(call, line, orders)
             return False
         if self._turned is not None and "70" in codes:
@@ -280,6 +290,32 @@ class FanucRunner:
 
     # ------------------------------------------------------------------ calls
 
+    def _run_optional(self, line: MacroLine, orders: set[int]) -> None:
+        """Keep a line with a slash that calls or returns, which runs or not as the control's switch says."""
+        why = NotExpandableError("a line with a slash runs or not as the control's switch says")
+        if line.order or (99 in orders and (len(self.calls) > 1 or any(letter == "p" for letter, _ in line.plain))):
+            raise why
+        if 99 in orders:
+            self._check_values(line, why)
+            self._write(line)
+        else:
+            self._keep_call(line, why)
+
+    def _check_values(self, line: MacroLine, why: ExpandError) -> None:
+        """Refuse what other programs may read or set where a program uses variables: what sets them is not written."""
+        if line.computed or self._computes or self.store.frame.numbers:
+            raise why
+
+    def _keep_call(self, line: MacroLine, why: ExpandError) -> None:
+        """Keep a call that is not followed: behind it neither a mode nor a place nor a variable is known."""
+        if any(letter == "m" and number and round(float(number)) == _INTERRUPT for letter, number in line.plain):
+            raise why
+        self._check_values(line, why)
+        self.blocks.lose(why)
+        self.blocks.lines.append(line.text)
+        self.blocks.notes[f"{self.blocks.at[0]}:{self.blocks.at[1]}: the call stays as it is: {why.what}"] = None
+        self.store.forget()
+
     def _call(self, call: MacroCall, line: MacroLine, orders: set[int]) -> None:
         if 99 in orders:
             self._return(call, line)
@@ -289,6 +325,12 @@ class FanucRunner:
         values = {letter: self.store.require(value(self.store), letter.upper()) for letter, value in computed.items()}
         macro = 98 not in orders
         label, times = self._number(words, values)
+        try:
+            source, first = self._target(label)
+        except ExpandError as error:
+            self._keep_call(line, error)
+            return
+        self.blocks.changed = True
         if not macro:
             self._write(line, without="mpl")
         frame = None
@@ -306,7 +348,6 @@ class FanucRunner:
             return
         if len(self.calls) > MOST_CALLS:
             raise ExpandError(f"subprograms call each other more than {MOST_CALLS} deep")
-        source, first = self._target(label)
         made = MacroCall(source=source, first=first, last=self._end(source, first), at=first + 1, again=times - 1)
         self.calls.append(made)
         self.store.frames.append(self.store.frame if frame is None else frame)
@@ -335,6 +376,7 @@ class FanucRunner:
         raise ExpandError("the subprogram is not there", expected=expected)
 
     def _return(self, call: MacroCall, line: MacroLine) -> None:
+        self.blocks.changed = True
         if len(self.calls) == 1:
             raise ExpandError("M99 in the main program: it never ends")
         target = next((number for letter, number in line.plain if letter == "p" and number), "")

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from ph_post.expand.cycles import CycleMemory
 from ph_post.expand.fanuc_cycle import MOVING_ONLY, PECKING, FanucCycle
-from ph_post.expand.faults import NotExpandableError
+from ph_post.expand.faults import ExpandError, NotExpandableError
 from ph_post.expand.frames import Place, TurnedFrame
 from ph_post.expand.machine import AXES, MachineState
 from ph_post.expand.macro import FanucNumbers, word_text
@@ -210,6 +210,25 @@ class FanucBlocks:
         self.machine.forget()
         self._moves_by = self.machine.modes["motion"]
         self._stands |= {_NEVER} if set(codes) & {*_FRAMES, *_ENDS_OF} else set()
+
+    def lose(self, why: ExpandError) -> None:
+        """Know nothing any longer but the units, which no program may change (B-64484EN, "Inch/metric conversion").
+
+        Raises
+        ------
+        ExpandError
+            The reason `why`, where something is being written out that would be in force there.
+        """
+        motion = self.machine.modes["motion"]
+        other = self.changed and self._moves_by != motion
+        if self.begun is not None or (other and motion not in _LINES + _ARCS):
+            raise why
+        if other:
+            self._put([f"G{motion // 10}"])
+        self.machine.modes.update(dict.fromkeys(_GROUPS, 0) | {"units": self.machine.modes["units"]})
+        self.machine.modes["motion"] = self._moves_by = _NO_MOTION
+        self.machine.spindle = 0
+        self.machine.forget()
 
     # ------------------------------------------------------------------ modes and place
 

@@ -30,6 +30,8 @@ _SHAPES: Final = frozenset(("X", "Y", "Z", "I", "J", "K", "R", "CR"))
 _STILL: Final = frozenset((8.0, 9.0, 40.0, 41.0, 42.0, 60.0, 61.0, 64.0, 94.0, *(640.0 + n for n in range(1, 7))))
 """G words that leave all that is followed as it is."""
 _STILL_ORDERS: Final = frozenset((0, 1, 3, 4, 5, 7, 8, 9))
+_CALL: Final = re.compile(r"M\s*0*(?:9[78]|198)(?!\d)|G\s*65(?!\d)")
+"""Calls of what is not followed here, which may leave other modes behind them."""
 _SCALE: Final = re.compile(r"\bA?SCALE\b")
 _DECIMALS: Final = 6
 
@@ -78,7 +80,8 @@ class IsoCorners(CornerFollower[IsoMove]):
         super().__init__()
         self._lines, self._fanuc = list(lines), fanuc
         self._mode: int | None = None
-        self._absolute, self._units = True, 210
+        self._absolute: bool | None = True
+        self._units = 210
 
     def written(self) -> list[str]:
         """Return the lines."""
@@ -107,6 +110,7 @@ class IsoCorners(CornerFollower[IsoMove]):
             if found is None:
                 self._scaled |= _SCALE.search(bare) is not None
                 self._forget()
+                self._lose_modes(bare)
                 return False
             words.append((re.sub(r"\s", "", found[1]), re.sub(r"\s", "", found[2])))
             at = found.end()
@@ -114,8 +118,10 @@ class IsoCorners(CornerFollower[IsoMove]):
         orders = {int(float(number)) for name, number in words if name == "M"}
         if not self._modes(codes) or orders - _STILL_ORDERS or any(name in ("RNDM", "FRCM") for name, _ in words):
             self._forget()
+            self._lose_modes(bare)
             return bool(orders & {2, 17, 30, 99})
-        if self._mode is not None and not codes & {4.0} and any(name in _SHAPES for name, _ in words):
+        moves = not codes & {4.0} and any(name in _SHAPES for name, _ in words)
+        if moves and self._mode is not None and self._absolute is not None:
             move = IsoMove(
                 lead=line[: lead.end()], words=words, tail=line[at:], mode=self._mode, absolute=self._absolute
             )
@@ -123,6 +129,8 @@ class IsoCorners(CornerFollower[IsoMove]):
         else:
             self._close("no move behind it")
             self._take_feed(words)
+            if moves and self._absolute is None:
+                self._at = {}
         return False
 
     def _modes(self, codes: set[float]) -> bool:
@@ -141,6 +149,11 @@ class IsoCorners(CornerFollower[IsoMove]):
                 self._scaled = {50.0: False, 51.0: True}.get(code, self._scaled)
                 return False
         return True
+
+    def _lose_modes(self, bare: str) -> None:
+        """Know neither measure nor plane behind a line of Fanuc's that calls, or may change them or not."""
+        if self._fanuc is not None and (_CALL.search(bare) or "/" in bare):
+            self._absolute, self._plane = None, False
 
     def _forget(self) -> None:
         self._close("no move behind it")

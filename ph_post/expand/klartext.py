@@ -97,7 +97,7 @@ class KlartextRunner:
         self._feed: str | None = ""
         self._side = "0"
         self._modal = any(_MODAL_CALL.search(block.words) for block in self._blocks)
-        self._inch = any(re.match(r"BEGIN\s+PGM\b.*\bINCH", block.words) for block in self._blocks[:3])
+        self._inch = any(re.match(r"BEGIN\s+PGM\b.*\bIN(?:CH\b|$)", block.words) for block in self._blocks[:3])
         self._rest: dict[str, float] = {}
 
     def run(self) -> list[str]:

@@ -95,7 +95,7 @@ class MacroStore(Store):
         if key == 0:
             return EMPTY
         if key <= LOCAL:
-            return self.frame.numbers.get(key, EMPTY)
+            return self.frame.numbers.get(key, math.nan if self._lost else EMPTY)
         found = self.numbers.get(key, math.nan)
         if math.isnan(found):
             self.doubt = f"#{key}"
@@ -212,6 +212,8 @@ class MacroLine(msgspec.Struct, frozen=True, kw_only=True):
 
 COMMENT: Final = re.compile(r"\([^)]*\)?")
 _LITERAL: Final = re.compile(r"[a-z,]*[a-z]([+-]?(?:\d+\.?\d*|\.\d+))?")
+_BEHIND: Final = re.compile(r"(?<=[\d.])/[1-9]?(?=[a-z])")
+"""A slash within a block, from which on the control's switch leaves it out (B-64484EN, "Optional block skip")."""
 _LABEL: Final = re.compile(r"n(\d+)")
 _PROGRAM: Final = re.compile(r"[o:](\d+)")
 
@@ -221,6 +223,9 @@ def read_macro_line(text: str) -> MacroLine:
     bare = re.sub(r"\s+", "", COMMENT.sub("", text)).lower()
     bare = bare.lstrip(")") and bare  # what closes a comment in which another one stood
     optional, bare = bare.startswith("/"), bare.lstrip("/")
+    if _BEHIND.search(bare) and not {"[", "#"} & set(bare):
+        # What is behind it runs or not, and so what the line comes to is not known.
+        optional, bare = True, _BEHIND.sub("", bare)
     program = _PROGRAM.match(bare)
     if program:
         return MacroLine(text=text, program=int(program[1]))

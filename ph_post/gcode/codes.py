@@ -33,11 +33,11 @@ import numpy as np
 ) = range(19)
 """Columns of a modal state; words such as G5.1 stand there as ten times their number."""
 
-FEED, FEED_KNOWN, FRAME, UNITS_SAID = 19, 20, 21, 22
+FEED, FEED_KNOWN, FRAME, UNITS_SAID, BENEATH = 19, 20, 21, 22, 23
 """What the state holds besides: F, whether it was given (0 no, 1 yes, 2 perhaps), whether the frame is
-turned, scaled or in diameters, and whether the program said its units."""
+turned, scaled or in diameters, whether the program said its units, and the motion to which G80 leads back."""
 
-MODES, STATE = 19, 23
+MODES, STATE = 19, 24
 NONE, UNKNOWN = -1.0, -2.0
 """A group of which the program has said nothing, and one that something not understood may have set."""
 

@@ -51,6 +51,9 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         Letters of the time of a G4, each with its unit [s].
     fixed : mapping of int to float
         Modes at the beginning, and wherever no line says which, by column of a state (:mod:`ph_post.gcode.codes`).
+    lost : mapping of int to float
+        Modes behind lines that may set any, by column, where they are others than `fixed`; infinite where such lines
+        leave what the program has said.
     feed_known : bool
         Whether a cut needs an F before it; if not, it is one whose feed is not known.
     bound : callable or None
@@ -93,6 +96,8 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         Whether G31 moves the axes that it names, and no others, up to a signal.
     threads : bool
         Whether G33 is a straight move of so much a turn of the spindle along its way as K says.
+    cycles_apart : bool
+        Whether canned cycles are no motion modes, so that G80 leads back to the straight motion before them.
     effects : mapping of int to int
         Effects of M words, by number, that are others than :data:`~ph_post.gcode.codes.M_EFFECT` has.
     diameters : bool
@@ -105,6 +110,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     hide: Callable[[bytes], bytes] | None = None
     dwell: tuple[tuple[str, float], ...] = (("P", 1.0),)
     fixed: Mapping[int, float] = {}
+    lost: Mapping[int, float] = {}
     feed_known: bool = True
     bound: Callable[[bytes], str] | None = None
     lengths: Callable[[WordTable, bytes], WordTable] | None = None
@@ -124,6 +130,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     contours: bool = False
     skips: bool = False
     threads: bool = False
+    cycles_apart: bool = False
     effects: Mapping[int, int] = {}
     diameters: bool = False
     head: tuple[str, ...] = ()
@@ -158,11 +165,17 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         return found
 
     def start(self) -> Array:
-        """Return the state that no line changes, shape (STATE,), NaN where lines do, with the state of F at first."""
-        state = np.full(codes.STATE, np.nan)
+        """Return the state that no line changes, NaN where lines do, with the state of F at first; shape (2, STATE).
+
+        The second row is that behind lines that may set any mode.
+        """
+        state = np.full((2, codes.STATE), np.nan)
         for column, value in self.fixed.items():
-            state[column] = value
-        state[codes.FEED_KNOWN] = 0.0 if self.feed_known else 2.0
+            state[:, column] = value
+        for column, value in self.lost.items():
+            state[1, column] = value
+        state[:, codes.BENEATH] = float(self.cycles_apart)
+        state[:, codes.FEED_KNOWN] = 0.0 if self.feed_known else 2.0
         return state
 
     def dwells(self, letter: NDArray[np.uint8], value: Array) -> tuple[IntArray, Array]:

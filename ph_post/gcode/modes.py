@@ -15,6 +15,7 @@ from ph_post.gcode.codes import (
     ABSOLUTE,
     ARC_ABSOLUTE,
     AXES,
+    BENEATH,
     CALLS,
     COMMA,
     CONTROLLER_LINE,
@@ -245,7 +246,8 @@ def _plain(value: float) -> Any:
 def _apply_numbers(values: Any, present: int, given: Any, was: float, mode_was: float, state: Any) -> Any:
     """Set F, S, T and the path mode; `was` and `mode_was` are units and feed mode before the block."""
     if state[FEED_MODE] != mode_was:
-        state[FEED], state[FEED_KNOWN] = np.nan, 0.0 if mode_was != UNKNOWN else 2.0
+        unsure = mode_was == UNKNOWN or state[FEED_KNOWN] == 2.0
+        state[FEED], state[FEED_KNOWN] = np.nan, 2.0 if unsure else 0.0
     if state[UNITS] != was:
         state[FEED] *= was / state[UNITS] if was > 0.0 else np.nan
     said = state[UNITS_SAID]
@@ -306,10 +308,15 @@ def _apply_words(words: Any, low: int, high: int, state: Any, before: Any, room:
 
 @inner
 def _forget_modes(state: Any, before: Any, all_of_them: bool, fixed: Any) -> None:
-    """Make unknown what differs from `before`, or all; what is `fixed` in the language stays that."""
+    """Make unknown what differs from `before`, or all; what is `fixed` in the language stays that.
+
+    Of what is infinite there all lines leave what the program has said.
+    """
     for column in range(MODES):
+        if all_of_them and np.isinf(fixed[column]) and (column != UNITS or state[UNITS_SAID] == 1.0):
+            continue
         if all_of_them or state[column] != before[column]:
-            state[column] = UNKNOWN if np.isnan(fixed[column]) else fixed[column]
+            state[column] = fixed[column] if np.isfinite(fixed[column]) else UNKNOWN
     state[FRAME] = float(int(state[FRAME]) | int(before[FRAME]))
     if (
         all_of_them
@@ -346,28 +353,38 @@ def _run_block(
     A block with a fault may be carried out or not; `fault` is one of its text. A line for the controller itself keeps
     the modes, resets them to what they were at first, does what nobody knows, or carries out its words or not.
     """
-    mark, why, computed, found, word = _apply_words(words, low, high, state, before, room)
+    mark, odd, computed, found, word = _apply_words(words, low, high, state, before, room)
     fault = fault or found
-    why = _line_reason(trait, computed, why)
+    why = _line_reason(trait, computed, odd)
+    if why == DELETED and odd in (SUBPROGRAM, SAVED_STATE):
+        _forget_modes(state, before, True, fixed[1])
     if why == DELETED or fault or trait & (lexer.SYSTEM | lexer.DELETE) == lexer.SYSTEM | lexer.DELETE:
-        _forget_modes(state, before, False, fixed)
+        _forget_modes(state, before, False, fixed[0])
         mark = 0
         if not fault or not computed & ((1 << LETTER_G) | (1 << LETTER_M)):
             return mark, why, fault, word
     codes = computed & ((1 << LETTER_G) | (1 << LETTER_M))
     if codes or why in (SUBPROGRAM, SAVED_STATE) or (why == CONTROLLER_LINE and trait & lexer.OTHER):
-        _forget_modes(state, before, True, fixed)
+        _forget_modes(state, before, True, fixed[0] if codes else fixed[1])
     elif why == CONTROLLER_LINE and not trait & lexer.KEEPS:
-        _forget_modes(state, first, False, fixed)
+        _forget_modes(state, first, False, fixed[0])
     if (computed >> LETTER_F) & 1:
         state[FEED], state[FEED_KNOWN] = np.nan, 2.0
     return mark, why, fault, word
 
 
 @inner
-def _after(state: Any, given: Any, before: Any) -> Any:
-    """Leave the motions that do not last: the motion of this block, ten times its number."""
+def _after(state: Any, given: Any, before: Any, fixed: Any) -> Any:
+    """Leave the motions that do not last: the motion of this block, ten times its number.
+
+    Where cycles are a group of their own G80 leads back to the straight motion before them.
+    """
     motion = state[MOTION]
+    if fixed[0, BENEATH] == 1.0:
+        if motion == 800.0:
+            state[MOTION] = state[BENEATH] if state[BENEATH] in (0.0, 10.0, UNKNOWN) else motion
+        elif motion < 700.0:
+            state[BENEATH] = motion
     if given[1] in (50, 51):
         state[MOTION] = UNKNOWN  # one controller stays in it, another goes back to the mode before
     if given[0] == 53:
@@ -490,17 +507,18 @@ def resolve_modes(  # noqa: C901
     """Find the modal state after each block, and of each what decides on what it does.
 
     `words` are the columns block, letter and value, and the effects of M words; `stretches` (k, 3) first and last line
-    of what lies under O-words and the groups that it sets, a bit a column of the state; `fixed` the state that no line
-    of the language changes, NaN where it does, and whether F is known at first. `columns` to fill, each (n,): state,
-    F, the motion in force, word of group 0, flags, breaks, why not understood, and the word with a fault of its
+    of what lies under O-words and the groups that it sets, a bit a column of the state; `fixed` (2, STATE) the state
+    that no line of the language changes, NaN where it does, and whether F is known at first, and the one behind lines
+    that may set any mode. `columns` to fill, each (n,): state, F, the motion in force, word of group 0, flags, breaks,
+    why not understood, and the word with a fault of its
     own, as -2 - number (-1: none); the faults of the text stand there before. Returns the block at which it ended,
     and the distinct states.
     """
     blocks, letter, value, effects = words
     states, feeds, motions, zeros, flags, marks, whys, spots = columns
-    state, table, slots = _begin(fixed)
-    state[FEED_KNOWN] = fixed[FEED_KNOWN]
-    if fixed[ARC_ABSOLUTE] == 1.0:
+    state, table, slots = _begin(fixed[0])
+    state[FEED_KNOWN] = fixed[0, FEED_KNOWN]
+    if fixed[0, ARC_ABSOLUTE] == 1.0:
         state[ARC_ABSOLUTE] = 1.0
     first = state.copy()
     before, count, low, row, at = state.copy(), 1, 0, 0, 0
@@ -532,7 +550,7 @@ def resolve_modes(  # noqa: C901
             elif own == 0 and (why or was == 0):
                 whys[block] = why
             zeros[block] = room[3][0]
-            motions[block] = _after(state, room[3], before)
+            motions[block] = _after(state, room[3], before, fixed)
             flags[block] = _flags(room[3], state)
         if not _is_row(table, row, state):
             if count == table.shape[0]:

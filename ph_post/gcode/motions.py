@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ph_post.compiling import compiled, inner
+from ph_post.gcode import lexer
 from ph_post.gcode.codes import (
     ABSOLUTE,
     AIMED,
@@ -24,6 +25,7 @@ from ph_post.gcode.codes import (
     COMPENSATION,
     CUBIC,
     CYCLE,
+    DELETED,
     DWELL_AXES,
     EXPLICIT,
     FAULT,
@@ -44,6 +46,7 @@ from ph_post.gcode.codes import (
     LENIENT,
     LENIENT_LINE,
     LETTER_F,
+    LETTER_G,
     LETTER_I,
     LETTER_J,
     LETTER_K,
@@ -57,6 +60,7 @@ from ph_post.gcode.codes import (
     LETTER_Z,
     LINE,
     LONE_SPLINE,
+    M_GROUP,
     MACHINE,
     MISSING_CENTER,
     MIXED_CENTER,
@@ -68,6 +72,7 @@ from ph_post.gcode.codes import (
     NO_INVERSE_FEED,
     NO_MOTION_MODE,
     NO_RADIUS_END,
+    NONE,
     NURBS_END,
     NURBS_LETTERS,
     NURBS_POINT,
@@ -90,6 +95,7 @@ from ph_post.gcode.codes import (
     SPLINE_PLANE,
     STAYING_G,
     STAYING_M,
+    STAYS,
     SYSTEM,
     TAPPING,
     THREAD,
@@ -555,18 +561,57 @@ def _decide(block: Any, values: Any, present: int, where: Any, modes: Any, conto
     return task, mark, why, refused, word
 
 
+@inner
+def _switched_task(words: Any, low: int, high: int, modes: Any) -> Any:  # noqa: PLR0911
+    """Return what a line does that runs or not, by a switch: it leaves axes that it does not name where they were.
+
+    `modes` are those behind it, whether it runs or not. Words that move the frame, call or change the tool may leave
+    any axis elsewhere, and so may those that nobody knows.
+    """
+    letter, value, effects = words
+    if modes[COMPENSATION] not in (NONE, 400.0):
+        return FORGET
+    present, moves, home = np.int64(0), False, False
+    for word in range(low, high):
+        index = np.int64(letter[word]) - 65
+        present |= 1 << index
+        if index not in (LETTER_G, LETTER_M):
+            continue
+        code = 10.0 * value[word] if index == LETTER_G else value[word]
+        if index == LETTER_M and not 0.0 <= code < 1000.0:
+            return FORGET
+        if index == LETTER_M:
+            number = np.int64(code)
+            group = M_GROUP[number] if number < M_GROUP.size else -1
+            rests = group in (7, 8, 9) or (group == 4 and number != 60) or effects[number] == STAYS
+            if number != code or not rests:
+                return FORGET
+        elif code in (0.0, 10.0, 20.0, 30.0):
+            moves = True
+        elif code in (280.0, 300.0):
+            home = True
+        elif code not in (40.0, 170.0, 180.0, 190.0, 800.0, 900.0, 910.0, 940.0, 950.0, 980.0, 990.0):
+            return FORGET
+    if present & FURTHER_LINEAR:
+        return FORGET  # they may be increments of X, Y and Z
+    if not present & AXES:
+        return FORGET if home else REST
+    return FORGET_NAMED if moves or home or modes[MOTION] in (0.0, 10.0, 20.0, 30.0) else FORGET
+
+
 @compiled
 def choose_tasks(  # noqa: C901, PLR0912
     words: Any, table: Any, columns: Any, traits: Any, end: int, further: int, contours: bool, threads: bool, tasks: Any
 ) -> Any:
     """Decide what each block before `end` does.
 
-    `columns` are those that :func:`resolve <ph_post.gcode.modes.resolve_modes>` fills; breaks, why a block is not
+    `words` are the columns block, letter and value, and the effects of M words; `columns` those that
+    :func:`resolve <ph_post.gcode.modes.resolve_modes>` fills; breaks, why a block is not
     understood and the words with faults are added to them, `tasks` (n,) is filled. `further` are the letters of axes
     of their own beside X, Y and Z, a bit each; with `contours` what is cut with cutter compensation moves as the
     program says, with `threads` what is tied to the spindle. A lack of feed is said at the first cut that has none.
     """
-    blocks, letter, value = words
+    blocks, letter, value, effects = words
     states, feeds, motions, zeros, flags, marks, whys, spots = columns
     values, where = np.zeros(26), np.zeros(26, np.int64)
     low, lack = 0, 0
@@ -576,7 +621,9 @@ def choose_tasks(  # noqa: C901, PLR0912
             high += 1
         first, low = low, high
         stays = whys[block] in (STAYING_G, STAYING_M, USER_M)
-        if 0 < whys[block] < QUIET and not stays:
+        if whys[block] == DELETED and traits[block] == lexer.DELETE and not flags[block] & FRAMED:
+            tasks[block] = _switched_task((letter, value, effects), first, high, table[states[block]])
+        elif 0 < whys[block] < QUIET and not stays:
             tasks[block] = FORGET
         elif high > first or traits[block]:
             present = _spread(letter, value, first, high, values, where)

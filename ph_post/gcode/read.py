@@ -392,7 +392,7 @@ def _resolve(lexed: Lexed, data: bytes, language: Language) -> _Blocks:
     lexed.whys[last + (stop == lexed.end) :] = 0
     further = codes.letter_bits(language.further)
     choose_tasks(
-        text,
+        parts,
         table,
         columns,
         lexed.traits,

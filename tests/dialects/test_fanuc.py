@@ -14,7 +14,7 @@ from ph_post.dialects.fanuc.reader import read_fanuc
 from ph_post.dialects.reading import read_as
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.undo import undo
-from ph_post.gcode.program import ARC, LINE, NURBS
+from ph_post.gcode.program import ARC, LINE, NURBS, RAPID
 from ph_post.units import MM, MM_PER_MIN
 
 HEAD = "%\nO1234 (PART)\nG21\nG17 G90 G94 G40 G49 G80\nG54\nG0 X0. Y0. Z0.\nG1 X10. Y10. F500.\n"
@@ -359,3 +359,35 @@ def test_a_division_is_no_block_delete() -> None:
     program = read("#1=#2/4\n#3 = [ 1 / 0 ]\nG1 X20.\n")
     assert [note.what for note in program.notes] == ["parameter: #1=#2/4", "division by zero: #3 = [ 1 / 0 ]"]
     assert ends(program) == [[20.0, 10.0, 0.0]]
+
+
+def test_the_units_outlast_a_call_but_no_other_mode() -> None:
+    """B-64484EN: G20 and G21 must not be switched in a program. Nobody knows whether F is one a minute or a turn."""
+    program = read("M98 P7\nX1.\nG90 G17 G1 X2. Y3. F5.\nX4.\n")
+    assert [note.what.partition(":")[0] for note in program.notes] == [
+        "subprogram",
+        "motion under modes that something not understood may have changed",
+    ]
+    assert ends(program)[-1][:2] == [4.0, 3.0]
+    assert np.isnan(program.motions.feed[2:]).all()
+
+
+def test_units_that_no_line_has_said_are_not_known_behind_a_call() -> None:
+    program = read_fanuc(b"O1\nM98 P7\nG90 G17 G1 X2. Y3. F5.\nM30\n", "a.nc")
+    assert program.motions.kind.size == 0
+
+
+def test_f_may_be_an_inverse_time_behind_a_call_where_the_program_has_such() -> None:
+    program = read("M98 P7\nG90 G17 G1 X2. Y3. F5.\nG93\n")
+    assert "something not understood" in program.notes[1].what
+
+
+def test_g80_leads_back_to_the_straight_motion_before_the_cycle() -> None:
+    """Cycles are group 09 (B-64484EN-2, "G code list")."""
+    program = read("G0 Z5.\nG98 G81 X20. Z-5. R2. F100.\nX3.\nG80\nZ9.\nG1 X1. Y2.\nG82 X3. Z-1. R2. P9\nG80\nX5.\n")
+    assert [note.what.partition(":")[0] for note in program.notes] == ["canned cycle", "canned cycle"]
+    assert program.motions.kind.tolist()[3:] == [RAPID, LINE, LINE]
+    lost = read("G98 G81 X20. Z-5. R2. F100.\nM98 P1\nG80\nG90 Z9.\n")
+    assert "something not understood" in lost.notes[-1].what
+    switched = read("G0 Z5.\nG98 G81 X20. Z-5. R2. F100.\n/G80\nX9.\n")
+    assert "something not understood" in switched.notes[-1].what

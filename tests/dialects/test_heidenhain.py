@@ -264,6 +264,7 @@ def test_the_working_plane_follows_the_tool_s_axis() -> None:
 
 
 def test_inches_are_inches() -> None:
+    assert klartext("L X+1 Y+2 F10", units="IN").motions.end[0, :2].tolist() == [0.0254, 0.0508]
     assert klartext("L X+1 Y+2 F10", units="INCH").motions.end[0, :2].tolist() == [0.0254, 0.0508]
     assert iso("G01 X+1 Y+2 F10", units="G70").motions.end[0, :2].tolist() == [0.0254, 0.0508]
 

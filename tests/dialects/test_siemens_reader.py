@@ -177,7 +177,6 @@ def test_a_frame_of_the_program_ends_with_its_word_alone(turned: str, ended: str
     [
         ("X=R1 Y5", "X=R1"),
         ("G1 X=R1+2*(3 + 4)", "X=R1+2*(3 + 4)"),
-        ("G70", "G70"),
         ("CYCLE81(10,0,2,-5)", "CYCLE81(10,0,2,-5)"),
         ("M88", "M88"),
         ("F=R2", "F=R2"),
@@ -380,3 +379,20 @@ def test_a_swivelled_plane_ends_where_cycle800_has_no_values() -> None:
     assert ends == [1.0, 2.0, 5.0, 6.0]
     turned = _read(f"G17 G90 G94 F100\nROT Z30\n{swivel}\nCYCLE800()\nG1 X5 Y0\nX6\nM30\n")
     assert not turned.motions.kind.size
+
+
+def test_under_g70_lengths_are_inches_and_f_counts_as_the_control_is_set() -> None:
+    """Programming Manual, Fundamentals, "Inch or metric dimensions": G700 changes F too, G70 does not."""
+    program = _read("G70 G90\nG0 X1 Y2\nG1 X2 F100\nG94 X3\nM30\n")
+    assert (program.motions.end[:, 0] / 25.4e-3).round(9).tolist() == [1.0, 2.0, 3.0]
+    assert np.isnan(program.motions.feed[1:]).all()
+    program = _read("G700 G90\nG1 X2 F100\nG710\nX30 F600\nM30\n")
+    assert program.motions.end[:, 0].round(9).tolist() == [0.0508, 0.03]
+    assert (60e3 * program.motions.feed).round(9).tolist() == [2540.0, 600.0]
+    program = _read("G70\nG0 X1\nG71\nG1 X5 F600\nM30\n")
+    assert (60e3 * program.motions.feed[1:]).round(9).tolist() == [600.0]
+
+
+def test_a_tool_s_length_in_iso_words_moves_z_alone() -> None:
+    program = _read("G71 G90 G17\nG0 X1 Y2 Z3\nG43 H1\nG1 X5 F100\nG49\nM30\n")
+    assert np.array_equal(program.motions.end[-1], [0.005, 0.002, np.nan], equal_nan=True)

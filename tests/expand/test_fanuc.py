@@ -106,7 +106,6 @@ def test_subprograms_in_files(tmp_path):
         ("N1 #1=1\nGOTO1\n", 3, "never ends"),
         ("G65 P1 A1. L2\n", 2, "repeats"),
         ("#1=0\nWHILE[#1LT1]DO1\nX1.\nEND1\n", 3, "never ends"),
-        ("M98 P5\n", 2, "not there"),
         ("M98\n", 2, "without P"),
         ("M98 P1\n", 2, "deep"),
         ("#1=1/0\n", 2, "division by zero"),
@@ -246,3 +245,59 @@ def test_what_the_control_decides_stays_and_is_named(text, why):
     assert found.data == data
     assert why in " ".join(found.notes)
     assert bool(found.notes) == bool(why)
+
+
+CYCLE = "G81 X1. Y1. Z-2. R1. F90.\nX2.\nG80\n"
+DRILLED = ["F90.", *(f"G{word}" for at in "12" for word in (f"0 X{at}. Y1.", "0 Z1.", "1 Z-2.", "0 Z5.")), "G80"]
+
+
+@pytest.mark.parametrize("call", ["M98 P5", "/M98 P2", "G65 P9010 A1.", "M198 P3", "M97 P3", "G0 X5./M98 P5"])
+def test_a_call_that_is_not_followed_stays_and_nothing_is_known_behind_it(call):
+    text = f"O1\n{HEAD}G98 G0 X0. Y0. Z5.\n{CYCLE}{call}\n{CYCLE}G17 G90 G98 G40 G0 X0. Y0. Z5.\n{CYCLE}M30\nO2\nM99\n"
+    found = lines_of(text)
+    assert found[3 : 4 + len(DRILLED)] == [*DRILLED, call]
+    assert found[4 + len(DRILLED) : -2] == [
+        *CYCLE.splitlines(),
+        "G17 G90 G98 G40 G0 X0. Y0. Z5.",
+        *DRILLED,
+        "M30",
+    ]
+    notes = expand(text.encode(), "a.nc", language=FanucNumbers()).notes
+    assert any("call stays as it is" in note for note in notes)
+    assert any("cycle stays as it is" in note for note in notes)
+
+
+def test_what_a_call_that_is_not_followed_may_use_stays_too():
+    """A cycle in force is run at the places of the subprogram, and it reads what lines before it have set."""
+    text = f"O1\n{HEAD}G98 G0 X0. Y0. Z5.\nG81 X1. Z-2. R1. F90.\nM98 P5\nG80\n"
+    assert lines_of(f"{text}M30\n") == f"{text}M30".splitlines()
+    for values in ("#1=1.\nM98 P5\n", "M98 P2\nM30\nO2\n#500=1.\nM98 P5\nM99\n", "G65 P2 A1.\nM30\nO2\nM98 P5\nM99\n"):
+        with pytest.raises(ExpandError, match="not there"):
+            written(f"O1\n{values}M30\n")
+
+
+def test_the_motion_in_force_is_that_of_the_program_before_a_call():
+    """The cycle was written as motions, of which the last one is a rapid."""
+    text = f"O1\n{HEAD}G98 G0 Z5.\nG1 X0. Y0.\n{CYCLE}M98 P5\nM30\n"
+    assert lines_of(text)[-3:] == ["G1", "M98 P5", "M30"]
+
+
+@pytest.mark.parametrize("end", ["M99", "/M99\nM30"])
+def test_a_subprogram_by_itself_is_written_out(end):
+    text = f"O1\n{HEAD}G98 G0 X0. Y0. Z5.\n{CYCLE}{end}\n"
+    assert lines_of(text)[3:] == [*DRILLED, *end.split("\n")]
+
+
+def test_what_a_slash_within_a_block_leaves_out_is_not_known():
+    text = f"O1\n{HEAD}G98 G0 X0. Y0. Z5.\nZ6./M8\n{CYCLE}G0 X0. Y0. Z5.\n{CYCLE}M30\n"
+    assert lines_of(text)[3:] == ["Z6./M8", *CYCLE.splitlines(), "G0 X0. Y0. Z5.", *DRILLED, "M30"]
+
+
+@pytest.mark.parametrize("call", ["M98 P5", "/M8", "G65 P9010"])
+def test_corners_behind_a_call_wait_for_the_measure(call):
+    corner = "G1 X10. ,R2.\nY10.\n"
+    text = f"O1\n{HEAD}{call}\nG0 X0. Y0.\n{corner}G90 G17 G0 X0. Y0.\n{corner}M30\n"
+    assert lines_of(text)[3:] == [
+        *("G0 X0. Y0.", *corner.splitlines(), "G90 G17 G0 X0. Y0."),
+        *("G1 X8. Y0.", "G3 X10. Y2. R2.", "G1 X10. Y10.", "M30"),
+    ]

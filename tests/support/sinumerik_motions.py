@@ -1,7 +1,8 @@
 """Motions of a SINUMERIK program, by a small interpreter of its own: words to dense places of the motors [mm].
 
-It follows G0 to G3 with I, J, K, AC, IC, CR and TURN, CIP, G17 to G19, G90 and G91, DIAMON and DIAMOF, R parameters
-that are set by numbers, and passes over everything else. Nothing is shared with ph_post.
+It follows G0 to G3 with I, J, K, AC, IC, CR and TURN, CIP, G17 to G19, G70 and G71 with G700 and G710, G90 and G91,
+DIAMON and DIAMOF, R parameters that are set by numbers, and passes over everything else. Nothing is shared with
+ph_post.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ class Run(Played):
         super().__init__()
         self._mode, self._absolute, self._feed = "G0", True, 1000.0
         self._plane, self._diameters = _PLANES[17], False
+        self._unit = 1.0
         self._known: dict[str, float] = {}
         for line in text.splitlines():
             bare = re.sub(r'"[^"]*"', "", line).split(";")[0].strip()
@@ -63,6 +65,8 @@ class Run(Played):
         line = re.sub(r"DIAM(ON|OF)", "", line)
         ends: dict[int, float] = {}
         words: dict[str, tuple[str, float]] = {}
+        for measure in re.findall(r"G(7[01]0?)(?!\d)", line):
+            self._unit = 25.4 if measure in ("70", "700") else 1.0
         for keyword, name, kind, number in _WORD.findall(line):
             if keyword:
                 self._mode = keyword
@@ -76,13 +80,13 @@ class Run(Played):
                 self._known[name] = value
             elif name in ("X", "Y", "Z"):
                 axis = "XYZ".index(name)
-                value *= 0.5 if name == "X" and self._diameters else 1.0
+                value *= self._unit * (0.5 if name == "X" and self._diameters else 1.0)
                 absolute = kind == "AC" or (self._absolute and kind != "IC")
                 ends[axis] = value if absolute else self.at[axis] + value
             elif name == "F":
                 self._feed = value
             else:
-                words[name] = kind, value
+                words[name] = kind, value * (1.0 if name == "TURN" else self._unit)
         if ends or (self._mode in ("G2", "G3") and words.keys() & {"I", "J", "K"}):
             self._move(ends, words)
 

@@ -25,6 +25,7 @@ class TncRun(Played):
         self._pole, self._feed = np.zeros(3), 1000.0
         self._axes = [0, 1]
         self._known: dict[str, float] = {}
+        self._unit = 25.4 if re.search(r"^\s*\d*\s*BEGIN PGM .* IN(?:CH)?\s*$", text, re.MULTILINE) else 1.0
         for line in text.splitlines():
             bare = re.sub(r"^\s*\d+\s+", "", line).split(";")[0].strip()
             if bare.startswith("END PGM"):
@@ -47,7 +48,7 @@ class TncRun(Played):
         end = self.at.copy()
         for step, axis, number in _PLACE.findall(line):
             column = "XYZ".index(axis)
-            end[column] = float(number) + (self.at[column] if step else 0.0)
+            end[column] = self._unit * float(number) + (self.at[column] if step else 0.0)
         if word == "CC":
             places = _PLACE.findall(line)
             named = {axis for _, axis, _ in places}
@@ -68,7 +69,7 @@ class TncRun(Played):
             if word == "CR":
                 found = re.search(r"\bR([-+]?\d+\.?\d*)", line)
                 assert found is not None
-                radius = float(found[1])
+                radius = self._unit * float(found[1])
                 half = 0.5 * np.linalg.norm(b - a)
                 away = math.sqrt(max(radius * radius - half * half, 0.0)) * (1 if (radius > 0) == left else -1)
                 center = 0.5 * (a + b) + away * np.array([-(b - a)[1], (b - a)[0]]) / (2.0 * half)

@@ -53,6 +53,13 @@ _ARCS: Final = frozenset((2.0, 3.0))
 _OTHER_PLACES: Final = frozenset((4.0, 10.0, 28.0, 30.0, 50.0, 53.0, 65.0, 92.0))
 """G words beside which axis words are no places, or those of the machine."""
 
+_SWITCHED: Final = re.compile(rb"(?<=[\d. \t])/[1-9]?[ \t]*((?:M[ \t]*\d+[ \t]*)+)\Z")
+"""A slash within a block, and nothing but M words behind it."""
+_RESTING: Final = frozenset((0.0, 1.0, 7.0, 8.0, 9.0))
+"""Those of them that move nothing, whatever machine it is."""
+_STAYS: Final = b"M10"
+"""A word that stands for them: none of them changes how axes move."""
+
 _PROGRAM_END: Final = re.compile(rb"M[ \t]*0*(2|30|99)(?!\d)")
 
 
@@ -132,6 +139,7 @@ class Editor:
         if {65.0, 66.0, 66.1, 67.0} & self._codes.keys() or self._has(b"M", 198):
             self._whole("call of a macro or subprogram")
             return
+        self._switched()
         self._frame_words()
         self._modes()
         if self._turned:
@@ -158,6 +166,18 @@ class Editor:
 
     def _put(self, start: int, end: int, new: bytes = b"") -> None:
         self._text[start:end] = new.ljust(end - start)
+
+    def _switched(self) -> None:
+        """Take the slash from M words behind it, which run or not: what is before it runs in any case.
+
+        B-64484EN, "Optional block skip": from a slash elsewhere than at the head to the block's end.
+        """
+        found = _SWITCHED.search(self._bare)
+        if found is None or not self._bare[: found.start()].strip():
+            return
+        self._note("block delete", *found.span())
+        rest = all(float(number) in _RESTING for _, number, _, _ in words_of(found[1]))
+        self._put(*(found.span() if rest else (found.start(), found.start(1))), _STAYS if rest else b"")
 
     def _frame_words(self) -> None:
         """``:1234`` is an O number, ``<NAME>`` a program's name."""

@@ -37,7 +37,7 @@ from ph_post.dialects.reading import (
 )
 from ph_post.expand.macro import COUNTED, SMALL, is_doubtful
 from ph_post.expand.turning import TURNED_NOTE, has_feeds_per_turn, has_increments_by_words, is_turned, shapes_of
-from ph_post.gcode.codes import ABSOLUTE, EXPRESSION, FEED_MODE, PLANE, QUIET
+from ph_post.gcode.codes import ABSOLUTE, EXPRESSION, FEED_MODE, PLANE, QUIET, UNITS
 from ph_post.gcode.language import Language
 from ph_post.gcode.numbers import masked
 from ph_post.gcode.program import AXES, NURBS, Note, NurbsData, PartProgram, PlaceArray, WordSource, WordTable
@@ -201,13 +201,14 @@ def with_nurbs(program: PartProgram, nurbs: Sequence[NurbsBlocks]) -> PartProgra
 
 _ODD: Final = re.compile(
     rb"G0*[45789](?!\d)|G\d+\.\d|G10(?!\d)|G2[2356](?!\d)|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<"
-    rb"|#[^\n\r]*/|G9[01](?!\d)[^\n\r]*G9[01](?!\d)|" + MACRO,
+    rb"|#[^\n\r]*/|[\d. \t]/|G9[01](?!\d)[^\n\r]*G9[01](?!\d)|" + MACRO,
     re.MULTILINE,
 )
 """What a line has that RS274 reads otherwise or not at all, or may have."""
 
 _TURNED: Final = re.compile(TURNED)
 _FEED_MODES: Final = re.compile(rb"G9[3458](?![\d.])|G99(?![\d.])")
+_INVERSE: Final = re.compile(rb"G93(?![\d.])")
 _OTHER_PLANES: Final = re.compile(rb"G1[79](?!\d)")
 
 _NO_CALL: Final = re.compile(rb"G67(?!\d)")
@@ -327,10 +328,13 @@ def read_fanuc(
         shortest=True,
         # The skip function: B-64484EN, 4.18.
         skips=True,
+        # Canned cycles are group 09, straight motions 01 (B-64484EN-2, "G code list").
+        cycles_apart=True,
         contours=contours,
         diameters=lathe,
         head=(TURNED_NOTE,) if lathe else (),
         fixed=_begun_modes(bare, lathe=lathe, by_words=by_words),
+        lost=_left_modes(bare),
     )
     found = read_translated(data, lines, name, text.lines, text.remarks, in_place=True, language=language)
     found = _in_seconds(with_nurbs(found, text.nurbs), text.dwells)
@@ -402,6 +406,15 @@ def _begun_modes(bare: bytes, *, lathe: bool, by_words: bool) -> dict[int, float
     found = {FEED_MODE: 95.0} if lathe or unsaid else {}
     found |= {PLANE: 18.0} if lathe and not _OTHER_PLANES.search(bare) else {}
     return found | ({ABSOLUTE: 1.0} if by_words else {})
+
+
+def _left_modes(bare: bytes) -> dict[int, float]:
+    """Modes behind what may set any, by column of a state, infinite where it leaves what the program has said.
+
+    No program may change from inches to mm or back (B-64484EN, "Inch/metric conversion"). Where none of its own lines
+    says G93, under which a block without F is refused (B-64484EN-2, "Inverse time feed"), F is one a minute or a turn.
+    """
+    return {UNITS: np.inf} | ({} if _INVERSE.search(bare) else {FEED_MODE: 95.0})
 
 
 def _say_diameters(program: PartProgram) -> PartProgram:

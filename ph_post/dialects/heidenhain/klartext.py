@@ -56,7 +56,7 @@ def _plain(line: str) -> str:
 
 _LANGUAGE: Final = TncLanguage(
     plain=_plain,
-    head=re.compile(r"BEGIN\s+PGM\s+(.*?)\s*(MM|INCH)"),
+    head=re.compile(r"BEGIN\s+PGM\s+(.*?)\s*(MM|INCH|IN$)"),
     refusal="not a conversational program",
     expected_head="0 BEGIN PGM, a name, and MM or INCH",
     label=re.compile(r"^LBL\s*(\"[^\"]*\"|\d+)"),

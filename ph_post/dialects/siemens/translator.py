@@ -49,6 +49,8 @@ _SHAPES: Final = frozenset((*AXES, *_CENTERS, "I1", "J1", "K1", "", "PL", "CR", 
 class SiemensModes:
     """Modes in force: `motion` G0 to G3, POLY, CIP or another word, measures, and whether F comes linearly.
 
+    `feeds` is the word of what F is, and with `mixed` (G70) it is in the control's own units.
+
     `at` are the places of the axes that are known, and `parameters` the R parameters; with `rounded` corners are
     rounded until RNDM=0, and with `cut` the corner before the next motion is. `frames` are the words that have moved
     or turned the frame.
@@ -59,6 +61,8 @@ class SiemensModes:
         self.absolute = True
         self.linear = False
         self.modal_call = False
+        self.mixed = False
+        self.feeds = "G94"
         self.rounded = False
         self.cut = False
         self.frames: set[str] = set()
@@ -293,12 +297,30 @@ class _Line:
         elif code in tables.G_WORDS:
             self.modes.motion = code if code in tables.MOTIONS else self.modes.motion
             self.parts.append(tables.G_WORDS[code] + self._rounding(code))
+            self._units(code)
         elif re.fullmatch(r"G5\d\d", code):
             self.parts.append("G59.2")
             self._refuse(word)
         elif code != "G4":
             self.modes.motion = code
             self._refuse(word, NOT_UNDERSTOOD)
+
+    def _units(self, code: str) -> None:
+        """Take F for unknown, as one a turn is, where lengths are inches and the control's setting says what F is.
+
+        G70 and G71 do not change the units of F, G700 and G710 do (Programming Manual, Fundamentals, "Inch or metric
+        dimensions"); as most controls count in mm, F under G71 is in mm.
+        """
+        if code in tables.FEEDS:
+            self.modes.feeds = tables.G_WORDS[code]
+        elif code not in tables.LENGTHS or (code == "G70") == self.modes.mixed:
+            return
+        else:
+            self.modes.mixed = code == "G70"
+        if code in tables.LENGTHS:
+            self.parts.append(self.modes.feeds)
+        if self.modes.mixed and self.modes.feeds == "G94":
+            self.parts[-1] = "G95"
 
     def _rounding(self, code: str) -> str:
         """Return how far from a corner a path mode rounds it, as far as the line says."""

@@ -22,6 +22,7 @@ G_WORDS: Final[Mapping[str, str]] = {
     **{f"G64{kind}": "G64" for kind in range(1, 7)},
     **dict.fromkeys(["G9", "G601", "G602", "G603", "G290", "G450", "G451", "G460", "G461", "G462"], ""),
     "G60": "G61",
+    "G70": "G20",
     "G71": "G21",
     "G710": "G21",
     "G700": "G20",
@@ -33,6 +34,10 @@ G_WORDS: Final[Mapping[str, str]] = {
     "G97": "G95",
     "G961": "G94",
     "G971": "G94",
+    # Of ISO mode (G291); Siemens's own has no such words, and stops there with an alarm.
+    "G43": "G43",
+    "G44": "G43",
+    "G49": "G49",
 }
 """What G words are in RS274; those of measures (G90, G91), dwells and frames are read by themselves."""
 
@@ -43,6 +48,8 @@ LIMITS: Final = frozenset(("G25", "G26"))
 
 M_WORDS: Final = frozenset((0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 30))
 ENDS: Final = frozenset((17,))
+LENGTHS: Final = frozenset(("G70", "G71", "G700", "G710"))
+FEEDS: Final = frozenset(("G93", "G94", "G95", "G96", "G97", "G961", "G971"))
 QUIET_M: Final = frozenset((40, 41, 42, 43, 44, 45, 70))
 """M words of the spindle's gears."""
 
