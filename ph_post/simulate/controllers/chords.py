@@ -310,5 +310,5 @@ def _joined(parts: list[Any]) -> Any:
         at -= len(part)
         if len(parts) % _BEFORE_TRIM == 0:
             del part
-            give_memory_back()
+            give_memory_back(len(whole))
     return whole
