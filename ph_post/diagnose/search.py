@@ -21,6 +21,7 @@ from ph_post.diagnose.fit import (
     fit_model,
     log_likelihood,
     pack,
+    plant_at,
     residuals_of,
     weighted_rows,
 )
@@ -232,11 +233,10 @@ def starting_models(ground: Linearization, hypothesis: Hypothesis) -> list[Start
     if linear and max(map(abs, fitted.off), default=0.0) > BENT:
         bases.append((at_file(fitted), _rows(ground, at_file(fitted))))
     starts = list(hypothesis.starts(ground.problem, ground.fitted.left))
-    replaced = [prior.field in hypothesis.replaces for prior in fitted.priors]
-    if any(gone and abs(x) > BENT for gone, x in zip(replaced, fitted.off, strict=True)):
-        # Such a value has taken most of what the file is off by, and is the file's again beside the part.
-        without = replace(fitted, off=tuple(0.0 if gone else x for gone, x in zip(replaced, fitted.off, strict=True)))
-        starts += hypothesis.starts(ground.problem, residuals_of(ground.problem, without))
+    if any(
+        prior.field in hypothesis.replaces and abs(x) > BENT for prior, x in zip(fitted.priors, fitted.off, strict=True)
+    ):
+        starts += hypothesis.taken(ground.problem.plant, plant_at(ground.problem, fitted))
     found: list[StartingModel] = []
     for start in dict.fromkeys(starts):
         if linear:

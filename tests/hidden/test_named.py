@@ -138,5 +138,11 @@ def test_a_backlash_a_tenth_below_that_of_the_file_is_sized() -> None:
 
 @pytest.mark.slow
 def test_a_backlash_a_tenth_below_that_of_the_file_is_sized_beside_a_servo_that_is_off() -> None:
-    """Servo and backlash have given way together: looked for is from where the backlash alone is the file's again."""
+    """Servo and backlash have given way together, the backlash to the end of its reach."""
     is_named_and_sized("backlash", "act", "motor", 8001)
+
+
+@pytest.mark.slow
+def test_a_backlash_between_motor_and_scale_is_sized_from_where_it_has_given_way_to() -> None:
+    """It hardly shows in the position: no step at reversals is a start, and the base value is at the end of its reach."""
+    is_named_and_sized("backlash", "act+force", "cascade-load", 8014)

@@ -54,6 +54,11 @@ def always(_problem: AxisProblem) -> str:
     return ""
 
 
+def nothing_taken(_filed: Plant, _fitted: Plant) -> Sequence[Numbers]:
+    """Say of no base value that it takes what a hypothesis sizes."""
+    return []
+
+
 class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
     """A named effect that may be missing.
 
@@ -76,6 +81,8 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
         Names whose effect is a special case of this one, or as good as one where the log is poor.
     replaces : tuple of str
         Base values ("b", "c", "gap") that it sets free of their prior.
+    taken : callable
+        Plants of the file and of a fit to the numbers that those base values have taken in it.
     excludes : tuple of str
         Names beside which its numbers mean nothing, as both do the same.
     """
@@ -89,6 +96,7 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
     bars: Callable[[AxisProblem], str] = always
     within: tuple[str, ...] = ()
     replaces: tuple[str, ...] = ()
+    taken: Callable[[Plant, Plant], Sequence[Numbers]] = nothing_taken
     excludes: tuple[str, ...] = ()
 
     @property

@@ -71,6 +71,7 @@ BACKLASH = Hypothesis(
     values=lambda problem, n: {"lost_motion": max(problem.plant.gap + n[0], 0.0)},
     bars=_shows_gap,
     replaces=("gap",),
+    taken=lambda filed, fitted: [(fitted.gap - filed.gap,)],
 )
 
 
