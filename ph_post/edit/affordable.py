@@ -59,7 +59,7 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
     one, axes; last the dead band is raised, up to half the lost motion of each axis.
     """
     # Ramps and rapids take longer than the motions at their feeds.
-    total = max(float(search.times.sum()), options.cycle, 1e-9)
+    total = max(search.time, options.cycle, 1e-9)
     # What the planner takes is known to a few thousandths.
     allowed = (options.max_slowdown + SPARE) * total
     found = _search_raised(search, options, 0.0)

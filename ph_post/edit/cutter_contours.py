@@ -169,7 +169,9 @@ class CutterContours:
             if side[low] != 0
         )
         self._chords: dict[tuple[float, bool, float, float], float] = {}
-        self.number = np.full(motions.kind.size, -1, dtype=np.int32)
+        # Of a program without contours they take the memory of one number.
+        nothing = np.broadcast_to(np.int32(-1), motions.kind.shape)
+        self.number = nothing.copy() if self.contours else nothing
         for n, one in enumerate(self.contours):
             self.number[one.first : one.last + 1] = n
 

@@ -111,17 +111,18 @@ class ReversalSearch:
     ) -> None:
         self.program, self.dialect = program, dialect
         self.sides, self.amplitude = sides, {name: max(map(abs, pair)) for name, pair in sides.items()}
-        self.times = motion_times(program, machine)
+        times = motion_times(program, machine)
+        self.time = float(times.sum())
         cuts = program.motions.kind != RAPID
-        self._clock = np.append(0.0, np.cumsum(np.where(cuts, self.times, 0.0)))
+        self._clock = np.append(0.0, np.cumsum(np.where(cuts, times, 0.0)))
         self._divide(sections, left)
-        feed = np.minimum(np.nan_to_num(cutting_feed(program, self.times)), fastest_along(program, machine))
+        feed = np.minimum(np.nan_to_num(cutting_feed(program, times)), fastest_along(program, machine))
         self._feed = feed if slow is None else np.minimum(feed, slow)
         self._from = -options.position_from
         self._moving = moves(program.motions)
         self._places = [resting_places(program.motions, axis) if self._from else [] for axis in range(2)]
         ground = CrossingGround(program, machine, dialect, sides, self._feed, self.low, options)
-        self._restarts = self._find_restarts(ground, late=options.max_slowdown >= LITTLE)
+        self._restarts = self._find_restarts(ground, times, late=options.max_slowdown >= LITTLE)
         self.crossings = CrossingSearch(ground, self._whole, self._restarts)
         self._given_up: dict[tuple[str, str], set[int]] = {}
         self.for_now: list[tuple[str, int, str]] = []
@@ -141,12 +142,12 @@ class ReversalSearch:
             opened &= (self.low < begin) | (self.low >= end)
         self.open = {name: opened.copy() for name in self.amplitude}
 
-    def _find_restarts(self, ground: CrossingGround, *, late: bool) -> list[Restart]:
+    def _find_restarts(self, ground: CrossingGround, times: Array, *, late: bool) -> list[Restart]:
         """Find where the program may be started again, `late` more than once in a chain; chains are those here."""
         # A table that runs on behind a rapid is anywhere in its backlash.
         flies = any(math.isfinite(braked(ground.machine.axes[name])) for name in self.amplitude)
         apart = 0.0 if flies else RESTART
-        restarts = find_restarts(self.program, self.times, ground.shiftable, late=late, apart=apart)
+        restarts = find_restarts(self.program, times, ground.shiftable, late=late, apart=apart)
         chain = np.searchsorted(self._whole, [one.first for one in restarts], side="right") - 1
         return [replace(one, chain=number) for one, number in zip(restarts, chain.tolist(), strict=True)]
 
@@ -273,7 +274,7 @@ class ReversalSearch:
 
     def gain(self, name: str, rows: Array) -> Array:
         """Squares of the offsets of an axis, summed over the time [m² s] in which the tool cuts in sections, (s,)."""
-        motion, ends = rows[:, MOTION].astype(np.int64), self._clock[np.append(self.low, self.times.size)]
+        motion, ends = rows[:, MOTION].astype(np.int64), self._clock[np.append(self.low, -1)]
         if not motion.size:
             return np.zeros(self.low.size)
         at = self._clock[motion] + rows[:, SHARE] * (self._clock[motion + 1] - self._clock[motion])

@@ -255,8 +255,9 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
         ends = (motions.start[:, axis], motions.end[:, axis])
         shift = (pairing.before(axis), pairing.after[:, axis])
         places = np.ascontiguousarray(lines.points[:, axis])
-        back = _reverse_travel(sign, chain, ends, shift, swings_of(motions, axis), (places, first))
-        over = back > _SPARE * band
+        back = unwritten(motions.kind.size)
+        _reverse_travel(sign, chain, ends, shift, swings_of(motions, axis), (places, first), _SPARE * band, back)
+        over = back > 0.0
         for motion in np.flatnonzero(over & ~np.append(False, over)[:-1]).tolist():
             case.findings.add(
                 "direction",
@@ -320,8 +321,10 @@ def _visit_turns(k: int, sign: int, shift: float, swings: Any, spot: Any) -> Non
 
 
 @compiled
-def _reverse_travel(sign: SignArray, chain: IntArray, ends: Any, shift: Any, swings: Any, curve: Any) -> Array:
-    """Longest way back [m] under one offset that each motion adds to, 0 where the axis carries none.
+def _reverse_travel(
+    sign: SignArray, chain: IntArray, ends: Any, shift: Any, swings: Any, curve: Any, most: float, out: Array
+) -> None:
+    """Find the longest ways back [m] under one offset that motions add to.
 
     Parameters
     ----------
@@ -335,8 +338,12 @@ def _reverse_travel(sign: SignArray, chain: IntArray, ends: Any, shift: Any, swi
         Of :func:`swings_of`.
     curve : tuple
         Positions along splines [m], and where those of each motion begin (k + 1,).
+    most : float
+        Shorter ones are not told [m].
+    out : ndarray, shape (k,)
+        Zeros; the ways are put there.
     """
-    out, spot = np.zeros(sign.size), np.zeros(2)
+    spot = np.zeros(2)
     places, first = curve
     latest, its_chain = 0, _SKIP
     for k in range(sign.size):
@@ -355,5 +362,5 @@ def _reverse_travel(sign: SignArray, chain: IntArray, ends: Any, shift: Any, swi
         for n in range(first[k], first[k + 1]):
             _visit(sign[k] * (places[n] - shift[1][k]), spot)
         _visit(sign[k] * (ends[1][k] - shift[1][k]), spot)
-        out[k] = spot[1]
-    return out
+        if spot[1] > most:
+            out[k] = spot[1]
