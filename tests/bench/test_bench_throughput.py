@@ -38,7 +38,7 @@ REPEATS = 2
 MOST = {"these without verifying": 1.0, "all of these": 1.5, "`ph-post convert`": 4.0}
 """So many times as long as in rs274 takes a line at most that has a word for each axis and F."""
 
-MEMORY = 12.0
+MEMORY = 10.0
 """So many bytes a byte of such a program may take beside what the command takes for few lines."""
 
 
