@@ -495,7 +495,7 @@ class _PlanSearch:
 
         Of a section the motions about it are left first, then all of it.
         """
-        original, verdict = self._original, made.verdict
+        original, verdict = self._original, made.verdict and _with_miscounts(made, made.verdict)
         self._reasons[self._why] = None
         places = refused if verdict is None else _failed_places(original, made.after, verdict)
         assert made.edits is not None
@@ -603,6 +603,29 @@ def _changed_places(program: PartProgram, after: PartProgram, verdict: Verdict) 
     spans = np.stack((origins.first[lines], origins.end[lines]), axis=1)
     motions = np.searchsorted(program.motions.block, spans) - (0, 1)
     return tuple((int(first), int(last)) for first, last in motions.tolist() if first <= last)
+
+
+def _with_miscounts(made: CompensatedProgram, verdict: Verdict) -> Verdict:
+    """Return a verdict in which a failed count of crossings is told of the changes that have other ones than planned.
+
+    Which crossings a change has its mark names, but not how many are alike.
+    """
+    failed = [one for one in verdict.failures if one.kind == "count"]
+    origins = line_origins(made.after, made.before)
+    if not failed or not verdict.crossings or made.edits is None or origins is None:
+        return verdict
+    block, marks = made.before.motions.block, np.array(sorted(verdict.crossings))
+    lines = [int(block[one.parts[0].motion]) for one in made.edits.crossings]
+    for stop in made.edits.stops:
+        # A stop at the end of a motion stands behind its line.
+        line = int(block[stop.motion]) + (stop.share == 1.0) if stop.behind is None else stop.behind + 1
+        lines += [line for shift in stop.shifts if stop.crosses_in(shift.axis)]
+    own = np.searchsorted(origins.first[marks - 1], lines, side="right") - 1
+    found = np.array([verdict.crossings[mark] for mark in marks.tolist()])
+    wrong = marks[np.bincount(np.maximum(own, 0), minlength=marks.size) != found].tolist()
+    told = [replace(failed[0], compensated=mark) for mark in wrong] or failed
+    rest = [one for one in verdict.failures if one.kind != "count"]
+    return replace(verdict, failures=(*rest, *told), found=verdict.found + len(told) - len(failed))
 
 
 def _failed_places(program: PartProgram, after: PartProgram, verdict: Verdict) -> Places:

@@ -5,6 +5,7 @@ Where a crossing lies is not looked for: the table follows the whole changed str
 
 from __future__ import annotations
 
+from collections import Counter
 from itertools import product
 from typing import NamedTuple
 
@@ -366,6 +367,9 @@ def _check_names(case: VerifyCase, turns: list[tuple[int, str, int]], failed: In
     there: dict[int, set[tuple[str, int]]] = {}
     for change, axis, sign in turns:
         there.setdefault(change, set()).add((axis, sign))
+    counts = Counter(change for change, _, _ in turns)
+    marks = [(change, int(changes.marker[change])) for change in np.flatnonzero(changes.crossed).tolist()]
+    case.findings.crossings.update({mark + 1: counts[change] for change, mark in marks})
     for change, names in enumerate(changes.crossings):
         if names is None or change in broken:
             continue

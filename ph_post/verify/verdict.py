@@ -73,12 +73,14 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True):
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     """Result of a check: `failures` in order, at most :data:`KEPT` of a kind; `found` counts all.
 
-    `checked` counts what was looked at: lines, words, motions, changes, jogs, stops.
+    `checked` counts what was looked at: lines, words, motions, changes, jogs, stops. `crossings` are the numbers of
+    crossings that were found in the changes whose marks name some, by the line of the mark, from 1.
     """
 
     failures: tuple[Failure, ...]
     found: int
     checked: Mapping[str, int]
+    crossings: Mapping[int, int] = {}
 
     @property
     def ok(self) -> bool:
@@ -93,6 +95,7 @@ class Findings:
         self._failures: list[Failure] = []
         self._kinds: Counter[FailureKind] = Counter()
         self.checked: Counter[str] = Counter()
+        self.crossings: dict[int, int] = {}
 
     def add(
         self,
@@ -124,7 +127,9 @@ class Findings:
 
     def verdict(self) -> Verdict:
         """Return the verdict on all findings."""
-        return Verdict(failures=tuple(self._failures), found=self.found, checked=dict(self.checked))
+        return Verdict(
+            failures=tuple(self._failures), found=self.found, checked=dict(self.checked), crossings=self.crossings
+        )
 
 
 def quoted(line: bytes, width: int = 60) -> str:

@@ -1,5 +1,6 @@
 """Programs compensated and judged: what is written passes, and what cannot be written is said in one line."""
 
+import re
 from pathlib import Path as File
 
 import numpy as np
@@ -384,3 +385,49 @@ def test_a_line_that_would_be_too_long_leaves_the_motions_about_it_alone():
     assert judged.followed >= judged.shown - 9
     assert judged.rms[1] < 1.1 * np.sqrt(7.0 / 60.0) * judged.rms[0]
     assert original_of(made.after).data == text.encode()
+
+
+def test_a_count_that_is_off_leaves_the_motions_about_its_change_alone(monkeypatch):
+    """Of a zigzag of 60 strokes the check misses a crossing behind one: the mark has a name, and no number."""
+    strokes = [f"G1 X{60.0 * (n % 2) + 0.3 * n:.1f} Y{2.0 * n:.1f} F1200" for n in range(1, 61)]
+    text = "\n".join(["G21 G90 G17", "G64 P0.01", "G0 X0 Y0 Z2", "G1 Z-1 F300", *strokes, "G0 Z2", "M2", ""])
+    honest, tries = programs.verify, []
+
+    def strict(original, after, **named):
+        verdict, origins = honest(original, after, **named), line_origins(after, original)
+        assert verdict.ok
+        tries.append(after.data)
+        missed = [mark for mark in verdict.crossings if origins.first[mark - 1] <= 30 < origins.end[mark - 1] + 1]
+        if not missed:
+            return verdict
+        found = {mark: count - (mark in missed) for mark, count in verdict.crossings.items()}
+        off = Failure(
+            kind="count", original=None, compensated=2, what="the number of crossings is not the declared one"
+        )
+        return replace(verdict, failures=(off,), found=1, crossings=found)
+
+    monkeypatch.setattr(programs, "verify", strict)
+    made = delivered(text, machine=stepper("linuxcnc"), request=asked(strategy="auto"))
+    assert 2 <= len(tries) <= 4
+    assert "would not pass the check" in " ".join(made.edits.warnings)
+    judged = compare(Judged("compensated"), "linuxcnc", text.encode(), made.after.data)
+    assert judged.followed >= judged.shown - 9 >= 46
+    assert judged.rms[1] < 1.1 * np.sqrt(9.0 / 60.0) * judged.rms[0]
+
+
+def test_the_crossings_that_are_found_in_each_change_are_those_that_are_planned():
+    """On arcs and in corners: as many in each change as the plan has there, and all together as the head says."""
+    turns = [f"G1 X{5.0 + n} Y{n % 2}\nG3 X{5.0 + n} Y{n % 2} I{1.5 - 0.3 * n:.1f} J0.2" for n in range(9)]
+    cuts = "\n".join(["G2 X0 Y0 I5 J1", "G1 X5", *turns, "G1 X2 Y8", "X9 Y7", "X2"])
+    made = delivered(f"G21 G90 G17\nG0 X0 Y0 Z2\nG1 Z-1 F600\n{cuts}\nG0 Z2\nM2\n", request=asked(strategy="auto"))
+    verdict = verify(made.before, made.after, tolerance=5e-6)
+    declared = int(re.search(rb"(\d+) crossings", made.after.data)[1])
+    assert sum(verdict.crossings.values()) == declared > 3
+    marks = {made.after.text(line - 1).count(b"crossing ") for line in verdict.crossings}
+    assert 0 not in marks
+    assert programs._with_miscounts(made, verdict) is verdict
+    off = Failure(kind="count", original=None, compensated=2, what="other crossings")
+    for mark in verdict.crossings:
+        found = verdict.crossings | {mark: verdict.crossings[mark] - 1}
+        told = programs._with_miscounts(made, replace(verdict, failures=(off,), found=1, crossings=found))
+        assert [one.compensated for one in told.failures] == [mark]
