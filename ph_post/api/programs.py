@@ -33,6 +33,7 @@ from ph_post.dialects.base import Dialect
 from ph_post.dialects.declaration import CORRECTED, THREADS, Declaration, line_origins, read_declaration
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
+from ph_post.edit.affordable import SPARE
 from ph_post.edit.cutter_contours import LEFT
 from ph_post.edit.edits import EditOptions, Edits, merge_edits, no_offsets
 from ph_post.edit.offset_edits import plan_offsets
@@ -429,7 +430,7 @@ class _PlanSearch:
         if made.verdict is None or not made.verdict.ok:
             if behind:
                 return replace(options, plain_corners=True)
-            return None if self._best is not None else self._without_failed(made, refused, options)
+            return self._without_failed(made, refused, options)
         judged = compare_motions(*made.motions, made.edits.slowdown)
         chooses = find_traits(self._request.plan.strategy).chooses
         if judged is not None and not (chooses or self._planner.offsets_axes):
@@ -486,17 +487,18 @@ class _PlanSearch:
         if self._divided or not self._planner.offsets_axes:
             return None
         self._divided, self._further, self._over = True, 1, math.inf
-        return replace(
-            options, in_parts=True, largest_first=False, max_slowdown=self._request.edit.max_slowdown / self._pace
-        )
+        less = self._request.edit.max_slowdown / self._pace
+        if less <= self._largest <= less + SPARE:
+            # With what does not count as slower it would be the same plan again, which took too long.
+            less -= SPARE
+        return replace(options, in_parts=True, largest_first=False, max_slowdown=less)
 
-    def _without_failed(self, made: CompensatedProgram, refused: Places, options: EditOptions) -> EditOptions:
+    def _without_failed(self, made: CompensatedProgram, refused: Places, options: EditOptions) -> EditOptions | None:
         """Stop for crossings on the fly that do not pass the check, and leave what does not pass it then as it is.
 
-        Of a section the motions about it are left first, then all of it.
+        Of a section the motions about it are left first, then all of it. Where there is a good plan none is left.
         """
         original, verdict = self._original, made.verdict and _with_miscounts(made, made.verdict)
-        self._reasons[self._why] = None
         places = refused if verdict is None else _failed_places(original, made.after, verdict)
         assert made.edits is not None
         standing = _crossed_in(made.edits, places)
@@ -505,6 +507,9 @@ class _PlanSearch:
         standing -= options.standing
         if standing and (verdict is None or verdict.found == len(verdict.failures)):
             return replace(options, standing=options.standing | standing)
+        if self._best is not None:
+            return None
+        self._reasons[self._why] = None
         stretches, sections = self._parted(places)
         failed = with_neighbours(sections, options.left, self._count) - options.left
         if not failed and not stretches:
