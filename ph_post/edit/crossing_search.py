@@ -169,7 +169,7 @@ class CrossingSearch:
             axes = set().union(*(approached[motion] for motion in here))
             axes |= {2} if self._comes_down(one) else set()
             named = here and here[0] <= min(one.rapid)
-            if named and all(column in axes for chain, column in used if chain == one.chain):
+            if named and one.whole and all(column in axes for chain, column in used if chain == one.chain):
                 found.add(here[0])
         return frozenset(found)
 

@@ -6,6 +6,7 @@ from typing import Final
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.edit.reversals import BEYOND, CARRIED, CHAIN, COLUMNS, FIRST, LAST, MOTION, SHARE, SHARE0, SHARE1, SIGN
 from ph_post.gcode.program import AXES, RAPID, Motions, PartProgram
@@ -116,7 +117,8 @@ class Restart(msgspec.Struct, frozen=True, kw_only=True):
     """Rapids from `first` to before `cut` behind which a program may be started again.
 
     `rapid` by column of X and Y: the one that brings the axis to its place; `late` where the approach is there for a
-    restart alone.
+    restart alone. It is not `whole`, and the program is not started again there, where an axis stands at its place
+    already, which another chain has brought it to: before G43, say.
     """
 
     first: int
@@ -124,12 +126,15 @@ class Restart(msgspec.Struct, frozen=True, kw_only=True):
     chain: int
     rapid: tuple[int, int]
     late: bool
+    whole: bool = True
 
 
 def find_restarts(
     program: PartProgram, times: Array, named: BoolArray, *, late: bool, apart: float = RESTART
 ) -> list[Restart]:
     """Find the rapids ahead of a plunge that bring all axes to their places, wherever they were.
+
+    In chains without such ones those are found behind which all axes are at places that are known.
 
     Behind the last cut of the program there is nothing to start again for.
 
@@ -155,6 +160,7 @@ def find_restarts(
     clock = np.append(0.0, np.cumsum(times))
     numbers = np.cumsum(np.append(False, np.diff(motions.chain) != 0))
     found: list[Restart] = []
+    others: dict[int, Restart] = {}
     # A lathe has no Y: there X alone comes to its place.
     across = [column for column in range(2) if moving[:, column].any()]
     late = late and len(across) > 1
@@ -172,11 +178,17 @@ def find_restarts(
         cut = int(ends[np.searchsorted(ends, run.stop)])
         down = moving[first:cut, 2] & (motions.end[first:cut, 2] < motions.start[first:cut, 2])
         own = [np.flatnonzero(named[run, column] & absolute[run]) for column in across]
-        ready = all(places.size for places in own) and bool(down.any()) and absolute[first:cut].all()
-        if ready and own:
-            x, y = (first + int(own[min(column, len(own) - 1)][-1]) for column in range(2))
-            found.append(Restart(first=first, cut=cut, chain=int(numbers[first]), rapid=(x, y), late=not fresh))
-    return found
+        ready = bool(own) and bool(down.any()) and absolute[first:cut].all()
+        brought = [first + int(places[-1]) if places.size else first for places in own]
+        x, y = (brought[min(column, len(own) - 1)] for column in range(2)) if ready else (first, first)
+        one = Restart(first=first, cut=cut, chain=int(numbers[first]), rapid=(x, y), late=not fresh)
+        if ready and all(places.size for places in own):
+            found.append(one)
+        elif ready and fresh and not np.isnan(motions.end[first, across]).any():
+            others.setdefault(one.chain, replace(one, whole=False))
+    for one in found:
+        others.pop(one.chain, None)
+    return sorted([*found, *others.values()], key=lambda one: one.first)
 
 
 def shiftable(program: PartProgram) -> BoolArray:

@@ -185,3 +185,26 @@ def test_nothing_comes_to_its_side_behind_the_last_cut() -> None:
     begin = (-5.0, -5.0, 30.0)
     before, after = (errors(_cuts(interpret(one, begin)), flat_path(text)) for one in (text, found.program().decode()))
     assert after < 0.2 * before
+
+
+FACE = "G1 Z-1 F300\nX0 F800\nG0 Z2\nX40\nG1 Z-2 F300\nX0 F800\nG0 Z30\nM2\n"
+
+
+@pytest.mark.parametrize("place", ["G0 X40 Y7\nG43 Z5 H1\n", "G0 X40 Y7\nG43 H1\nG0 Z5\n"])
+def test_an_axis_that_another_chain_has_brought_to_its_place_comes_to_a_side_of_its_backlash(place: str) -> None:
+    """G43 ends a chain; Y rests in the one behind it, and the part shows where its table stands."""
+    lines = f"G21 G90 G17 G94 G64 P0.005 Q0\nT1 M6\nM3 S8000\n{place}{FACE}"
+    found = ph.compensate(read_program(lines.encode(), "part.ngc"), target("linuxcnc"))
+    text = found.program().decode()
+    assert "Y approach" in text
+    assert marks(text) == []
+    path = flat_path(lines)
+    assert errors(interpret(lines), path) > 0.5 * GAPS[1] - UM
+    assert errors(interpret(text), path) < 2.0 * UM
+
+
+def test_one_whose_place_is_not_known_is_left_alone() -> None:
+    lines = f"G21 G90 G17 G94 G64 P0.005 Q0\nT1 M6\nG0 X40\nG43 Z5 H1\n{FACE}"
+    text = ph.compensate(read_program(lines.encode(), "part.ngc"), target("linuxcnc")).program().decode()
+    assert "X" in text
+    assert "Y" not in re.sub(r"\([^)]*\)", "", text)
