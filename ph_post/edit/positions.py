@@ -184,7 +184,8 @@ def find_restarts(
         one = Restart(first=first, cut=cut, chain=int(numbers[first]), rapid=(x, y), late=not fresh)
         if ready and all(places.size for places in own):
             found.append(one)
-        elif ready and fresh and not np.isnan(motions.end[first, across]).any():
+        elif ready and heads[first] and down[1:].any() and not np.isnan(motions.end[first, across]).any():
+            # Before any cut, and still above the part behind its first rapid.
             others.setdefault(one.chain, replace(one, whole=False))
     for one in found:
         others.pop(one.chain, None)

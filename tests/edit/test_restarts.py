@@ -203,8 +203,10 @@ def test_an_axis_that_another_chain_has_brought_to_its_place_comes_to_a_side_of_
     assert errors(interpret(text), path) < 2.0 * UM
 
 
-def test_one_whose_place_is_not_known_is_left_alone() -> None:
-    lines = f"G21 G90 G17 G94 G64 P0.005 Q0\nT1 M6\nG0 X40\nG43 Z5 H1\n{FACE}"
+@pytest.mark.parametrize("place", ["G0 X40\nG43 Z5 H1\n", "G0 X40 Y7 Z5\nG43 H1\nG0 Z-1\n"])
+def test_one_whose_place_is_not_known_or_that_would_move_below_the_surface_is_left_alone(place: str) -> None:
+    face = FACE if "Y" not in place else FACE.partition("\n")[2]
+    lines = f"G21 G90 G17 G94 G64 P0.005 Q0\nT1 M6\n{place}F800\nG1 {face}"
     text = ph.compensate(read_program(lines.encode(), "part.ngc"), target("linuxcnc")).program().decode()
     assert "X" in text
-    assert "Y" not in re.sub(r"\([^)]*\)", "", text)
+    assert len(re.findall("Y", re.sub(r"\([^)]*\)", "", text))) == place.count("Y")

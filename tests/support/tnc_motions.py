@@ -60,7 +60,7 @@ class TncRun(Played):
     def _move(self, word: str, line: str, end: np.ndarray) -> None:
         begin, axes = self.at, self._axes
         a, b = begin[axes], end[axes]
-        rapid = "FMAX" in line
+        rapid = re.search(r"\bF\s*MAX\b", line) is not None
         if word == "L":
             count = max(2, math.ceil(float(np.linalg.norm(end - begin)) / STEP))
             places = begin + np.linspace(0.0, 1.0, count + 1)[1:, None] * (end - begin)
