@@ -228,6 +228,7 @@ def hatching(length: float, step: float, feed: float) -> str:
         pytest.param(hatching(2.0, 0.05, 600.0), 0.04, id="hatching one backlash apart"),
     ],
 )
+@pytest.mark.thinned(2)
 def test_a_short_rest_between_two_corners_is_time_enough(text: str, most: float, dialect: str) -> None:
     """The motor has the time that the path takes between them."""
     found = judge(Entry("cut", Path("cut.nc"), dialect, text))
@@ -248,7 +249,7 @@ def test_a_short_rest_between_two_corners_is_time_enough(text: str, most: float,
         pytest.param(0.0144, 4.0, id="still slower"),
     ],
 )
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_a_motor_crosses_behind_a_corner_that_the_path_leaves_slowly(size: float, feed: float, dialect: str) -> None:
     """Stops would take a quarter of the time at least, 2 √(g/a) each, and on LinuxCNC a multiple of that."""
     found = judge(Entry("cut", Path("cut.nc"), dialect, koch(size, feed)))

@@ -70,7 +70,12 @@ def test_a_file_of_another_structure_is_said_and_nothing_is_made_of_it_but_what_
     assert named(found) == {"backlash": pytest.approx(0.020, rel=0.01)}
     assert "earlier than the single loop of the file" in found.notes[0]
     assert "ph-post identify finds" in found.notes[0]
-    # A cascade that feeds nothing forward is a single loop.
+
+
+@pytest.mark.slow
+def test_a_cascade_that_feeds_nothing_forward_is_a_single_loop() -> None:
+    axis = machine_of(KNOWN).axes["X"]
+    single = replace(machine_of(KNOWN), axes={"X": replace(axis, servo=replace(axis.servo, cascade=None))})
     found = diagnose(record(Drive(), gap=2e-5, ways=SHORT), single)
     assert named(found) == {"backlash": pytest.approx(0.020, rel=0.01)}
     assert not any("single loop" in one for one in found.notes)

@@ -119,7 +119,7 @@ def stopped(one: Move, other: Move) -> float:
 
 
 @pytest.mark.parametrize("feed", [30.0, 100.0, 300.0, 800.0, 1500.0, 2400.0])
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 def test_no_corner_is_burnt_much_longer(feed: float) -> None:
     left = 0
     for seed in range(6):

@@ -233,11 +233,16 @@ def test_random_profiles_are_followed_by_the_nose(seed):
     assert verdict(text, made.encode(), "fanuc", ".nc").ok
 
 
+@pytest.fixture(scope="module")
+def lathe_part():
+    return changed(LATHE, "fanuc", ".nc")
+
+
 @needs_rs274
 @pytest.mark.parametrize("orientation", [1, 2, 3, 4, 6, 8, 9])
 @pytest.mark.parametrize("radius", [0.2, 0.8])
-def test_the_nose_of_a_lathes_tool_follows_for_every_orientation(radius, orientation):
-    result = changed(LATHE, "fanuc", ".nc")
+def test_the_nose_of_a_lathes_tool_follows_for_every_orientation(lathe_part, radius, orientation):
+    result = lathe_part
     made = result.program().decode()
     assert all(row.compensated == row.all for row in result.axis_reversals)
     assert radius <= float(NOTE.search(made.encode())[1])
