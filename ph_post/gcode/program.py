@@ -407,10 +407,15 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     @property
     def threads(self) -> BoolArray:
         """Mask (m,) of the motions that are tied to the spindle (G33), where they are read as motions."""
-        modes = np.array([modal.motion == "G33" for modal in self.modal], dtype=np.bool_)
-        if not modes.any():
+        tied = self.tied
+        if not tied.any():
             return np.zeros(self.motions.kind.size, dtype=np.bool_)
-        return np.asarray(modes[self.state[self.motions.block]], dtype=np.bool_)
+        return np.asarray(tied[self.state[self.motions.block]], dtype=np.bool_)
+
+    @property
+    def tied(self) -> BoolArray:
+        """Mask of the modal states in which motions are tied to the spindle (G33)."""
+        return np.array([modal.motion == "G33" for modal in self.modal], dtype=np.bool_)
 
     @property
     def feed_word(self) -> Array:

@@ -356,9 +356,7 @@ def with_contours(program: PartProgram) -> PartProgram:
     It is the program itself where there are none.
     """
     threads = program.language.threads
-    there = any(
-        modal.compensation not in (None, "G40") or (threads and modal.motion == "G33") for modal in program.modal
-    )
+    there = any(modal.compensation not in (None, "G40") for modal in program.modal) or (threads and program.tied.any())
     if program.language.contours or not there:
         return program
     found = read_program(program.data, program.name, language=program.language.contoured())
@@ -371,7 +369,7 @@ def with_contours(program: PartProgram) -> PartProgram:
 
 def _misses_threads(program: PartProgram) -> bool:
     """Return whether a line under G33 is passed through."""
-    tied = np.array([modal.motion == "G33" for modal in program.modal], dtype=np.bool_)
+    tied = program.tied
     return any(tied[program.state[note.first : note.last + 1]].any() for note in program.notes)
 
 
