@@ -38,7 +38,6 @@ _ROUNDED = 9
 """Decimals that are left of a number with so many that nothing can be added to them."""
 
 _MOST = 1 << 61
-_SAFE = 2.0**61
 """Scaled numbers below this fit an int64 with room for their difference."""
 
 
@@ -262,7 +261,7 @@ def _differ_exactly(
     right, fits = np.zeros(one.size, np.bool_), np.zeros(one.size, np.bool_)
     for n in range(one.size):
         scale: Any = np.int64(max(before[n], after[n], places))
-        fits[n] = scale <= _POWERS and largest[n] * _TENS[min(scale, _POWERS)] < _SAFE
+        fits[n] = scale <= _POWERS and largest[n] * _TENS[min(scale, _POWERS)] < _MOST
         if not fits[n]:
             continue
         way = abs(other[n] * _TENS[scale - after[n]] - one[n] * _TENS[scale - before[n]])
