@@ -30,8 +30,7 @@ from numba.core import caching
 from numba.core import event as events
 from numba.core import types as kinds
 from numba.np import linalg
-
-from ph_post.types import Array
+from numpy.typing import NDArray
 
 if sys.platform != "win32":
     import fcntl
@@ -39,6 +38,7 @@ if sys.platform != "win32":
 settings: Any = config  # which has no types
 index_file: Any = caching.IndexDataCacheFile  # nor has this
 F = TypeVar("F", bound=Callable[..., Any])
+Number = TypeVar("Number", bound=np.generic)
 
 
 PATIENCE: Final = 0.7
@@ -134,12 +134,12 @@ _notice = _CompileNotice()
 _register("numba:compile", _notice)
 
 
-def read_only(values: Array) -> Array:
-    """View floats as a compiled function takes what it only reads, whether or not others may write them.
+def read_only(values: NDArray[Number]) -> NDArray[Number]:
+    """View an array as a compiled function takes what it only reads, whether or not others may write it.
 
     It is compiled anew for every combination of arrays that may be written and arrays that may not.
     """
-    view = np.ascontiguousarray(values, dtype=np.float64).view()
+    view = np.ascontiguousarray(values).view()
     view.setflags(write=False)
     return view
 

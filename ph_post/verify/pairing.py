@@ -250,9 +250,7 @@ def _first_of_all(motions: Motions, change: PlaceArray, jog: BoolArray) -> BoolA
 
 def run_begins(number: IntArray | PlaceArray) -> PlaceArray:
     """Return the first of the equal numbers in a row among which each is, (k,)."""
-    view = number.view()
-    view.setflags(write=False)
-    return np.asarray(_run_begins(view))
+    return np.asarray(_run_begins(read_only(number)))
 
 
 @compiled
