@@ -303,7 +303,7 @@ def join_blocks(parts: list[StraightBlocks]) -> StraightBlocks:
 def _joined(parts: list[Any]) -> Any:
     """Put parts one behind the other; the list is emptied."""
     at = sum(map(len, parts))
-    whole = np.empty((at, *parts[0].shape[1:]), dtype=parts[0].dtype)
+    whole = np.empty((at, *parts[0].shape[1:]), dtype=np.result_type(*parts))
     while parts:
         part = parts.pop()
         whole[at - len(part) : at] = part
