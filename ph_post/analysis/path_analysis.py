@@ -35,6 +35,29 @@ class Analysis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     notes: tuple[str, ...]
 
 
+class AnalysedPath:
+    """What has the `analysis` of a path, and so its reversals."""
+
+    __slots__ = ()
+
+    analysis: Analysis
+
+    @property
+    def turning_points(self) -> tuple[TurningPoint, ...]:
+        """Every place where an axis reverses, in order along the path."""
+        return self.analysis.turning_points
+
+    @property
+    def windows(self) -> tuple[Window, ...]:
+        """Osculating windows, in order along the path; one may hold several turning points."""
+        return self.analysis.windows
+
+    @property
+    def intervals(self) -> tuple[BacklashInterval | None, ...]:
+        """Backlash interval of each turning point at the programmed feed; None where there is none, or no machine."""
+        return self.analysis.intervals
+
+
 def feed_at(path: Path, point: TurningPoint) -> float:
     """Programmed feed at a turning point [m/s]: the segment's own, or else the path's."""
     own = path.segments[point.segment].feed

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 
 from msgspec.structs import asdict, replace
 
 from ph_post.api.inputs import Source, source_of
-from ph_post.api.measurements import measured_machine_of
+from ph_post.api.measurements import MachineFileResult, measured_machine_of
 from ph_post.files.readings import SWING_MM, read_ball_bar, read_readings
-from ph_post.files.storage import SourceText, write_atomically
+from ph_post.files.storage import SourceText
 from ph_post.identify.measurement import Measurement, measure_machine, measured_machine
 from ph_post.types import Machine
 from ph_post.types.readings import Readings
 from ph_post.units import MM
 
 
-class HandMeasurement(Measurement, frozen=True, kw_only=True):
+class HandMeasurement(Measurement, MachineFileResult, frozen=True, kw_only=True):
     """What readings by hand say, with the machine file that it began with, None where it was made by hand."""
 
     before: Machine
@@ -32,10 +31,6 @@ class HandMeasurement(Measurement, frozen=True, kw_only=True):
             Where the machine was not read from a file.
         """
         return measured_machine(source_of(self.machine, self.source, "measured"), self, self.before)
-
-    def write(self, target: Source) -> None:
-        """Write :meth:`machine_file`; ``-`` is standard output."""
-        write_atomically({os.fspath(target): self.machine_file()})
 
 
 def measure(

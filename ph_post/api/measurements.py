@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from typing import get_args
 
@@ -30,7 +31,21 @@ from ph_post.types.diagnosis import Diagnosis, Experiment, Identification, Resid
 from ph_post.units import LEAD, MM
 
 
-class LogIdentification(Identification, frozen=True, kw_only=True):
+class MachineFileResult:
+    """A result that a machine file takes up."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def machine_file(self) -> str:
+        """Return the machine file."""
+
+    def write(self, target: Source) -> None:
+        """Write :meth:`machine_file`; ``-`` is standard output."""
+        write_atomically({os.fspath(target): self.machine_file()})
+
+
+class LogIdentification(Identification, MachineFileResult, frozen=True, kw_only=True):
     """An identification with its `log`, and the machine file that it began with, None where there was none."""
 
     log: Log
@@ -45,10 +60,6 @@ class LogIdentification(Identification, frozen=True, kw_only=True):
             Where a new file would need a number that neither the log nor the caller gave.
         """
         return identified_machine(self.source, self, self.log)
-
-    def write(self, target: Source) -> None:
-        """Write :meth:`machine_file`; ``-`` is standard output."""
-        write_atomically({os.fspath(target): self.machine_file()})
 
     def residuals(self) -> Iterator[tuple[ResidualTrace, float]]:
         """Run the identified machine on the logged command, and yield each residual with its noise [m].
@@ -78,7 +89,7 @@ class LogIdentification(Identification, frozen=True, kw_only=True):
                     yield trace, one.noise
 
 
-class LogDiagnosis(Diagnosis, frozen=True, kw_only=True, eq=False):
+class LogDiagnosis(Diagnosis, MachineFileResult, frozen=True, kw_only=True, eq=False):
     """A diagnosis with its `log`, and the machine file that it began with, None where it was made by hand."""
 
     log: Log
@@ -93,10 +104,6 @@ class LogDiagnosis(Diagnosis, frozen=True, kw_only=True, eq=False):
             Where the machine was not read from a file.
         """
         return diagnosed_machine(source_of(self.machine, self.source, "found"), self, self.log)
-
-    def write(self, target: Source) -> None:
-        """Write :meth:`machine_file`; ``-`` is standard output."""
-        write_atomically({os.fspath(target): self.machine_file()})
 
 
 def identify(

@@ -13,11 +13,11 @@ from msgspec.structs import replace
 
 from ph_post.analysis.certification import Certificate
 from ph_post.analysis.certification import certify as certify_turning_points
-from ph_post.analysis.path_analysis import Analysis
+from ph_post.analysis.path_analysis import AnalysedPath, Analysis
 from ph_post.api.crossed_paths import crosses_on_the_fly
 from ph_post.api.inputs import Job, Source, analyse_job, analysed_job, any_machine, machine_warnings
 from ph_post.api.options import CompensateOptions, require_number, require_word
-from ph_post.api.results import PlannedMotion
+from ph_post.api.results import AssessedMotion, PlannedMotion
 from ph_post.compensate.comparison import describe_violation
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
@@ -33,7 +33,6 @@ from ph_post.simulate import machine as simulated
 from ph_post.simulate.assess import Assessment, assess, scenario_words, scenarios
 from ph_post.simulate.contour import ContourError, Nominal, settling_time
 from ph_post.types import (
-    BacklashInterval,
     Command,
     Event,
     Flank,
@@ -42,7 +41,6 @@ from ph_post.types import (
     Pickup,
     Run,
     TurningPoint,
-    Window,
 )
 from ph_post.version import package_version
 
@@ -52,7 +50,7 @@ _STOPS: Final = (
 )
 
 
-class Inspection(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class Inspection(msgspec.Struct, AnalysedPath, frozen=True, kw_only=True, eq=False):
     """The reversals of a path, as :func:`inspect` finds them.
 
     `certificate` is the exact count of the turning points, None where it was not asked for; `warnings` say
@@ -62,21 +60,6 @@ class Inspection(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     analysis: Analysis
     certificate: Certificate | None = None
     warnings: tuple[str, ...] = ()
-
-    @property
-    def turning_points(self) -> tuple[TurningPoint, ...]:
-        """Every place where an axis reverses, in order along the path."""
-        return self.analysis.turning_points
-
-    @property
-    def windows(self) -> tuple[Window, ...]:
-        """Osculating windows, in order along the path; one may hold several turning points."""
-        return self.analysis.windows
-
-    @property
-    def intervals(self) -> tuple[BacklashInterval | None, ...]:
-        """Backlash interval of each turning point; None without a machine, and where there is none."""
-        return self.analysis.intervals
 
 
 def inspect(
@@ -158,7 +141,7 @@ class NotedResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return (*self.notes, *self.caveats)
 
 
-class Simulation(NotedResult, frozen=True, kw_only=True, eq=False):
+class Simulation(NotedResult, AssessedMotion, frozen=True, kw_only=True, eq=False):
     """A command on a machine, as :func:`simulate` runs it.
 
     `analysis` and `assessment` are None where the path is not known. `run` is the run that `error` belongs to.
@@ -177,16 +160,6 @@ class Simulation(NotedResult, frozen=True, kw_only=True, eq=False):
     def time(self) -> float:
         """Duration of the motion [s]."""
         return float(self.run.t[-1])
-
-    @property
-    def error(self) -> ContourError | None:
-        """Contour error at the values of the machine file [m]; None where the path is not known."""
-        return None if self.assessment is None else self.assessment.error
-
-    @property
-    def error_worst(self) -> ContourError | None:
-        """Contour error on the worst machine that the file leaves possible [m]."""
-        return None if self.assessment is None else self.assessment.error_worst
 
     @property
     def error_gap(self) -> ContourError | None:

@@ -110,17 +110,10 @@ def _largest_sides(left: Array) -> tuple[float, float]:
     return float(max(left.max(initial=0.0), 0.0)), float(max(-left.min(initial=0.0), 0.0))
 
 
-class MotionResult(ABC):
-    """A motion of the machine, before or after compensation: its time, and how far it leaves the path.
+class AssessedMotion:
+    """A motion with its errors on every machine that the file leaves possible."""
 
-    An error has the largest value `max` and the root mean square `rms` [m], and is None where the motion is
-    over before its error counts. Errors are simulated when they are first asked for.
-    """
-
-    @property
-    @abstractmethod
-    def time(self) -> float:
-        """Duration of the motion [s]."""
+    __slots__ = ()
 
     @property
     @abstractmethod
@@ -136,6 +129,19 @@ class MotionResult(ABC):
     def error_worst(self) -> ContourError | None:
         """Contour error by all causes on the worst machine that the file leaves possible [m]."""
         return None if self.assessment is None else self.assessment.error_worst
+
+
+class MotionResult(AssessedMotion, ABC):
+    """A motion of the machine, before or after compensation: its time, and how far it leaves the path.
+
+    An error has the largest value `max` and the root mean square `rms` [m], and is None where the motion is
+    over before its error counts. Errors are simulated when they are first asked for.
+    """
+
+    @property
+    @abstractmethod
+    def time(self) -> float:
+        """Duration of the motion [s]."""
 
     @property
     @abstractmethod

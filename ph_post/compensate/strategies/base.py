@@ -16,14 +16,13 @@ from typing import Literal, Protocol, runtime_checkable
 
 import msgspec
 
-from ph_post.analysis.path_analysis import Analysis
+from ph_post.analysis.path_analysis import AnalysedPath, Analysis
 from ph_post.compensate.motion import FeedAlong
 from ph_post.compensate.options import PlanOptions
 from ph_post.drive.axes import sized_machine
 from ph_post.errors import InputError
 from ph_post.progress import Progress, no_progress
 from ph_post.types import (
-    BacklashInterval,
     Crossing,
     Feedback,
     FrictionChange,
@@ -31,12 +30,10 @@ from ph_post.types import (
     Machine,
     Path,
     ProfileShape,
-    TurningPoint,
-    Window,
 )
 
 
-class PlanningTask(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class PlanningTask(msgspec.Struct, AnalysedPath, frozen=True, kw_only=True, eq=False):
     """The job that a strategy answers: path, machine, options, and the time allowed.
 
     `feed` is the feed of the plain plan along the path, `looped` whether that runs through the seam,
@@ -62,21 +59,6 @@ class PlanningTask(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def path(self) -> Path:
         """The path."""
         return self.analysis.path
-
-    @property
-    def turning_points(self) -> tuple[TurningPoint, ...]:
-        """Every reversal of an axis."""
-        return self.analysis.turning_points
-
-    @property
-    def windows(self) -> tuple[Window, ...]:
-        """The windows in which the osculating circle stands for the path."""
-        return self.analysis.windows
-
-    @property
-    def intervals(self) -> tuple[BacklashInterval | None, ...]:
-        """Backlash interval of every turning point at the programmed feed, None where there is none."""
-        return self.analysis.intervals
 
     @property
     def notes(self) -> tuple[str, ...]:
