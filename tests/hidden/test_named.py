@@ -144,5 +144,5 @@ def test_a_backlash_a_tenth_below_that_of_the_file_is_sized_beside_a_servo_that_
 
 @pytest.mark.slow
 def test_a_backlash_between_motor_and_scale_is_sized_from_where_it_has_given_way_to() -> None:
-    """It hardly shows in the position: no step at a reversal is a start, and its base value is at the end of its reach."""
+    """It hardly shows in the position: no step is a start, and its base value has come to the end of its reach."""
     is_named_and_sized("backlash", "act+force", "cascade-load", 8014)
