@@ -189,8 +189,8 @@ def warn_reckoned(program: PartProgram, reckoned: PartProgram) -> list[str]:
     if not found.size:
         return []
     return [
-        f"the feed in {line_words(int(found[0]), int(found[-1]))} is not known (G95, or no F yet): the time is"
-        f" reckoned with {ASSUMED_FEED / MM_PER_MIN:g} mm/min, and new lines have the feed in force"
+        f"the feed in {line_words(int(found[0]), int(found[-1]))} is not known (G95, units of the control's own, or no"
+        f" F yet): the time is reckoned with {ASSUMED_FEED / MM_PER_MIN:g} mm/min, and new lines have the feed in force"
     ]
 
 
@@ -211,7 +211,7 @@ def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
     several = np.append(motions.block[1:] == motions.block[:-1], False)[: motions.block.size]
     found: dict[str, BoolArray] = {
         "a line's feed changes on its way, or it moves more than once": several,
-        "the feed is not known (G95, or no F yet)": without_feed(program),
+        "the feed is not known (G95, units of the control's own, or no F yet)": without_feed(program),
         "contains a NURBS (G5.2)": motions.kind == NURBS,
         "contains an arc from a place that is not known": np.asarray(_from_nowhere(program).any(axis=1)),
         "contains a G5 that continues the one before it, without I and J": _continued(program),

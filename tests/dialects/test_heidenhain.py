@@ -269,6 +269,13 @@ def test_inches_are_inches() -> None:
     assert iso("G01 X+1 Y+2 F10", units="G70").motions.end[0, :2].tolist() == [0.0254, 0.0508]
 
 
+def test_what_f_is_in_inches_is_not_known() -> None:
+    """It counts tenths of an inch a minute: as inches a minute new feeds would be those of ten times the speed."""
+    for program in (klartext("L X+1 F10", units="INCH"), iso("G01 X+1 F10", units="G70")):
+        assert np.isnan(program.motions.feed).all()
+    assert klartext("L X+1 F600").motions.feed.tolist() == [0.01]
+
+
 def test_rapid_traverse_holds_for_its_block_alone() -> None:
     program = klartext("L X+0 Y+0 F700", "L X+1 FMAX", "L X+2")
     assert (program.motions.feed / MM_PER_MIN).round(6).tolist() == [700.0, 0.0, 700.0]

@@ -119,6 +119,8 @@ class Tnc:
         self.remarks: dict[int, Remark] = {}
         self.tool_axis = "Z"
         self._units = units
+        # F counts tenths of an inch a minute in programs in inches, and is taken for unknown there, as one a turn is.
+        self._feeds = "G94" if units == "G21" else "G95"
         self._at: dict[str, Decimal | None] = dict.fromkeys(AXES)
         self._pole: dict[str, Decimal | None] = dict.fromkeys(AXES)
         self._turned: set[str] = set()
@@ -159,7 +161,7 @@ class Tnc:
     def add(self, text: str) -> None:
         """Add the translation of a line."""
         plane, self._plane_word = self._plane_word or _PLANE_WORDS[self.tool_axis], ""
-        self._states.append(f"{self._units} G90 {plane} G90.1 G94 {self.side}")
+        self._states.append(f"{self._units} G90 {plane} G90.1 {self._feeds} {self.side}")
         self.texts.append(text)
 
     def lose(self, what: str, text: str) -> None:
