@@ -173,14 +173,25 @@ def reckoned_feeds(program: PartProgram, machine: Machine) -> PartProgram:
     motions = program.motions
     unknown = without_feed(program)
     lags = any(response_time(axis.servo) >= SHORT_LAG for axis in machine.axes.values())
-    if not unknown.any() or lags or working_motions(program, machine.tool).tool != "cutter":
+    if not unknown.any():
         return program
+    if lags or working_motions(program, machine.tool).tool != "cutter":
+        return _parted_behind(program, unknown)
     low, high = chain_spans(motions)
     for first, end in zip(low.tolist(), high.tolist(), strict=True):
         states = np.unique(program.state[motions.block[first:end]])
         if len({program.modal[state].feed_mode for state in states.tolist()}) > 1:
             unknown[first:end] = False
     return replace(program, motions=replace(motions, feed=sealed(np.where(unknown, ASSUMED_FEED, motions.feed))))
+
+
+def _parted_behind(program: PartProgram, unknown: BoolArray) -> PartProgram:
+    """Return the program with chains that end behind cuts whose feed is not known, so that these alone are left.
+
+    A print that begins with a move without F, before all that have one, would be left whole.
+    """
+    behind = np.append(False, unknown[:-1] & ~unknown[1:])[: unknown.size]
+    return replace(program, motions=replace(program.motions, chain=sealed(program.motions.chain + np.cumsum(behind))))
 
 
 def warn_reckoned(program: PartProgram, reckoned: PartProgram) -> list[str]:

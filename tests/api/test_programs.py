@@ -431,3 +431,12 @@ def test_the_crossings_that_are_found_in_each_change_are_those_that_are_planned(
         found = verdict.crossings | {mark: verdict.crossings[mark] - 1}
         told = programs._with_miscounts(made, replace(verdict, failures=(off,), found=1, crossings=found))
         assert [one.compensated for one in told.failures] == [mark]
+
+
+def test_a_print_that_begins_without_f_is_left_up_to_its_first_f_alone():
+    square = "".join(f"G1 X{x} Y{y} E{e}\n" for e, (x, y) in enumerate(3 * [(10, 30), (0, 20), (10, 10), (20, 20)]))
+    begin = "M82\nG28\nG92 E0\nG1 X5 Y20 Z0.3\nG1 F1500 E-6\nG0 F7200 X30 Y10\nG0 X20 Y20\nG1 F1200 E0\n"
+    found = judge(Entry("print", File(), "marlin", begin + square + "G0 Z9\nG0 X5 Y5\n"))
+    assert found.compensated == found.reversals > 3
+    assert found.followed == found.shown > 3
+    assert found.rms[1] < 0.2 * found.rms[0]
