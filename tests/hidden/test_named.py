@@ -137,12 +137,14 @@ def test_a_backlash_a_tenth_below_that_of_the_file_is_sized() -> None:
 
 
 @pytest.mark.slow
-def test_a_backlash_a_tenth_below_that_of_the_file_is_sized_beside_a_servo_that_is_off() -> None:
-    """Servo and backlash have given way together, the backlash to the end of its reach."""
-    is_named_and_sized("backlash", "act", "motor", 8001)
-
-
-@pytest.mark.slow
-def test_a_backlash_between_motor_and_scale_is_sized_from_where_it_has_given_way_to() -> None:
-    """It hardly shows in the position: no step is a start, and its base value has come to the end of its reach."""
-    is_named_and_sized("backlash", "act+force", "cascade-load", 8014)
+@pytest.mark.parametrize(
+    ("channels", "feedback", "seed"),
+    [
+        pytest.param("act", "motor", 8001, id="beside a servo that is off"),
+        pytest.param("act+force", "cascade-load", 8014, id="behind a scale, where it hardly shows in the position"),
+    ],
+)
+def test_a_backlash_that_has_given_way_to_the_end_of_its_reach_is_sized(
+    channels: str, feedback: str, seed: int
+) -> None:
+    is_named_and_sized("backlash", channels, feedback, seed)
