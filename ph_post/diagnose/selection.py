@@ -122,6 +122,27 @@ class ModelChoice(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def choose(problem: AxisProblem, progress: Progress) -> ModelChoice:
     """Find what is missing from one axis."""
     problem = with_known_side(problem)
+    found = _choose_there(problem, progress)
+    if problem.side != "unknown" or not problem.has("act") or not found.fitted.model.parts:
+        return found
+    # The side was decided without what is missing: a long filter hides a backlash from it, and then needs it as a name.
+    other = _choose_there(replace(problem, at_motor=not problem.at_motor), progress)
+    return _leaner(found, other)
+
+
+def _leaner(found: ModelChoice, other: ModelChoice) -> ModelChoice:
+    """Return another choice where noise alone is left and a first leaves more, or needs more names for it."""
+    return max(found, other, key=_leanness)
+
+
+def _leanness(choice: ModelChoice) -> tuple[bool, bool, int]:
+    """Return whether a choice leaves noise alone, whether of the positions, and by how few names the whole."""
+    settled = _settled(choice)
+    return settled, at_floor(choice.problem, choice.fitted), -len(choice.fitted.model.parts) if settled else 0
+
+
+def _choose_there(problem: AxisProblem, progress: Progress) -> ModelChoice:
+    """Find what is missing where it is decided on which side a position was read."""
     base = _base(problem)
     again = split_evenly(problem, base.left)
     if not np.array_equal(again.fit, problem.fit):
@@ -141,9 +162,7 @@ def _beside_file(problem: AxisProblem, base: FittedModel, progress: Progress) ->
     if base.model.origin_free or (_settled(found) and len(found.fitted.model.parts) < 2):
         return found
     # The origin was held because a load would explain its shift: that was wrong if a free one needs less.
-    other = _choose_from(problem, fit_model(problem, base_model(problem), problem.fit), progress)
-    fewer = len(other.fitted.model.parts) < len(found.fitted.model.parts)
-    return other if _settled(other) and (fewer or not _settled(found)) else found
+    return _leaner(found, _choose_from(problem, fit_model(problem, base_model(problem), problem.fit), progress))
 
 
 def _nearer_servo(problem: AxisProblem, base: FittedModel, progress: Progress) -> Numbers | None:

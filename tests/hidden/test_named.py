@@ -110,6 +110,18 @@ def test_a_filter_is_not_taken_for_a_delay_where_the_table_hunts_in_its_backlash
 
 
 @pytest.mark.slow
+def test_a_filter_does_not_hide_on_which_side_a_position_was_read() -> None:
+    """Taken for the table's, as the filter bends the file's residual, the motor's reading needs two names more."""
+    is_named_and_sized("command_filter", "unknown", "cascade", 8004)
+
+
+@pytest.mark.slow
+def test_an_origin_is_freed_where_a_held_one_leaves_more_of_the_positions() -> None:
+    """The force leaves more than the noise of its rest either way; the motor 13 µm rms with the origin held."""
+    is_named_and_sized("command_filter", "motor+force", "cascade-load", 8018)
+
+
+@pytest.mark.slow
 def test_what_is_not_needed_beside_a_better_name_is_taken_out() -> None:
     """Behind the Stribeck friction in its place a second name had stood on as a backlash that explained nothing."""
     is_named_and_sized("stribeck_friction", "act", "motor", 3005)
