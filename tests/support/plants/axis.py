@@ -6,8 +6,13 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tests.support.cascade_plant import Drive
 from tests.support.plants.tracks import Track
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -63,14 +68,16 @@ class Plant:
 class Forces:
     """What acts on an axis, in metres of following error; towards minus where positive.
 
-    `rigid` are smooth forces on the table by time, place and velocity, `cogged` the motor's by its place;
+    `rigid` are smooth forces on the table by time, place and velocity, and `loads` those of them that go by time
+    alone, at many times; `cogged` the motor's by its place;
     `dry` is friction in motion by speed, `held` what friction holds at rest; `drag` adds to c by direction.
     `asked` is the command as given, `command` as it arrives.
     """
 
     def __init__(self, plant: Plant, track: Track, axis: int) -> None:
         self.plant, self.track, self.axis = plant, track, axis
-        self.parts: list[Callable[[float, float, float], float]] = []
+        self.load, self.cubic, self.square = 0.0, 0.0, 0.0
+        self.timed: list[tuple[Callable[[float], float], Callable[[Floats], Floats]]] = []
         self.coulomb, self.breakaway, self.fade = 0.0, 0.0, 1.0
         self.drag = (0.0, 0.0)
         self.teeth: list[tuple[float, float, float]] = []
@@ -99,19 +106,24 @@ class Forces:
         self.drag = (self.drag[0] + of["plus"], self.drag[1] + of["minus"])
 
     def _load_offset(self, of: Hidden) -> None:
-        load = of["force"]
-        self.parts.append(lambda t, x, v: load)
+        self.load += of["force"]
 
     def _cutting_force(self, of: Hidden) -> None:
         force, feed, exponent = of["force"], of["feed"], of["exponent"]
 
-        def cut(t: float, x: float, v: float) -> float:
+        def cut(t: float) -> float:
             speed = self.track.feed(t)
             if speed < 1e-9:
                 return 0.0
             return force * (speed / feed) ** exponent * self.track.motion(self.axis, t)[0] / speed
 
-        self.parts.append(cut)
+        def cuts(times: Floats) -> Floats:
+            own, other = (self.track.rows(axis, times)[1] for axis in (self.axis, 1 - self.axis))
+            speed = np.hypot(own, other)
+            moves = np.maximum(speed, 1e-9)
+            return np.where(speed < 1e-9, 0.0, force * (moves / feed) ** exponent * own / moves)
+
+        self.timed.append((cut, cuts))
 
     def _cogging(self, of: Hidden) -> None:
         self.teeth.append((of["force"], 2.0 * math.pi / of["period"], of.get("phase")))
@@ -127,28 +139,31 @@ class Forces:
 
     def _hum(self, of: Hidden) -> None:
         force, rate, phase = of["force"], 2.0 * math.pi * of["frequency"], of.get("phase")
-        self.parts.append(lambda t, x, v: force * math.sin(rate * t + phase))
+        self.timed.append((lambda t: force * math.sin(rate * t + phase), lambda t: force * np.sin(rate * t + phase)))
 
     def _stiffening(self, of: Hidden) -> None:
-        cubic = of["force"] / of["at"] ** 3
-        self.parts.append(lambda t, x, v: cubic * x * x * x)
+        self.cubic += of["force"] / of["at"] ** 3
 
     def _air_drag(self, of: Hidden) -> None:
-        square = of["force"] / of["at"] ** 2
-        self.parts.append(lambda t, x, v: square * v * abs(v))
+        self.square += of["force"] / of["at"] ** 2
 
     def _cross_talk(self, of: Hidden) -> None:
         share, other = of["share"] * self.plant.b, 1 - self.axis
-        self.parts.append(lambda t, x, v: share * self.track.motion(other, t)[1])
+        track = self.track
+        self.timed.append((lambda t: share * track.motion(other, t)[1], lambda t: share * track.rows(other, t)[2]))
 
     def _loading(self, of: Hidden) -> None:
         self.heavier = (of["share"], of["over"])
 
     def rigid(self, t: float, x: float, v: float) -> float:
-        total = self.drag[0] * v if v > 0.0 else self.drag[1] * v
-        for part in self.parts:
-            total += part(t, x, v)
+        total = (self.drag[0] if v > 0.0 else self.drag[1]) * v + self.load
+        total += self.cubic * x * x * x + self.square * v * abs(v)
+        for force, _ in self.timed:
+            total += force(t)
         return total
+
+    def loads(self, times: Floats) -> Floats:
+        return sum((forces(times) for _, forces in self.timed), np.full(len(times), self.load))
 
     def cogged(self, place: float) -> float:
         return sum(force * math.sin(rate * place + phase) for force, rate, phase in self.teeth)

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
+import numba
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lfilter
 
-from tests.support.plants.axis import Forces, Plant
+from tests.support.plants.axis import Forces, Hidden, Plant
 from tests.support.plants.stepping import Floats
 from tests.support.plants.tracks import Track
 
@@ -23,8 +25,6 @@ STEP = 1e-4
 
 FINE = STEP / 2.0
 """What the command is computed at [s]; in between it is taken as straight."""
-
-REST, SLIP, CROSS = "rest", "slip", "cross"
 
 
 def arrives(forces: Forces, end: float) -> tuple[Floats, Floats, Floats]:
@@ -60,12 +60,68 @@ def _smoothed(row: Floats, time: float) -> Floats:
     return np.asarray(row[0] + lfilter([1.0 - kept], [1.0, -kept], middle))
 
 
-_State = tuple[float, float, float, float]
-"""Place and speed of what moves, what the velocity loop has summed, and the force that the motor gives."""
+REST, SLIP, CROSS = 0, 1, 2
+"""The modes that an axis is in."""
+
+EVENTS = ("open", "stick", "pickup", "back")
+OPEN, STICK, PICKUP, BACK = range(4)
 
 
-def _moved(y: _State, by: _State, h: float) -> _State:
-    return y[0] + h * by[0], y[1] + h * by[1], y[2] + h * by[2], y[3] + h * by[3]
+class _Axis(NamedTuple):
+    """The numbers of an axis, for what is compiled; rows of what the command alone makes, one each FINE."""
+
+    kv: float
+    tn: float
+    current: float
+    own: float
+    b: float
+    eta: float
+    beta: float
+    kept: float
+    motor_speed: bool
+    inside: bool
+    gap: float
+    slope: float
+    reference: float
+    bump: float
+    centre: float
+    width: float
+    coulomb: float
+    breakaway: float
+    fade: float
+    plus: float
+    minus: float
+    cubic: float
+    square: float
+    limit: float
+    share: float
+    over: float
+    teeth: Floats
+    wanted: Floats
+    """What the loops make of the command: K_v X + k_f Ẋ [m/s]."""
+    fed: Floats
+    """The force that is fed forward."""
+    loads: Floats
+    """Forces on the table that depend on time alone."""
+
+
+class _State(NamedTuple):
+    """Place and speed of what moves, what the velocity loop has summed, and the force that the motor gives."""
+
+    place: float
+    speed: float
+    total: float
+    given: float
+
+
+class _Mode(NamedTuple):
+    """What an axis does: its mode, the flank it is on, the way it slips, its table, and where the motor left."""
+
+    kind: int
+    side: int
+    way: int
+    x: float
+    left: float
 
 
 class CascadeBody:
@@ -73,138 +129,218 @@ class CascadeBody:
 
     def __init__(self, plant: Plant, forces: Forces, grid: Floats) -> None:
         assert plant.drive is not None
-        self.plant, self.forces, self.grid, self.drive = plant, forces, grid, plant.drive
-        self.inside = plant.feedback == "load" and (
-            plant.gap > 0.0 or plant.effect("position_dependent_backlash") is not None
-        )
-        self.own = plant.c - 1.0 / self.drive.kv
+        self.plant, self.forces, self.grid = plant, forces, grid
         self.rows = np.empty((len(grid), 4))
-        place, speed, bend = arrives(forces, float(grid[-1]))
-        # What the loops make of the command alone: K_v X + k_f Ẋ [m/s], and the force that is fed forward.
-        self.wanted: list[float] = (self.drive.kv * place + self.drive.velocity * speed).tolist()
-        self.fed: list[float] = (self.drive.acceleration * plant.b * bend).tolist()
         self.events: list[tuple[float, str]] = []
-        self.stuck, self.bothered = forces.held > 0.0, bool(forces.parts) or any(forces.drag)
-        self.left = 0.0
-        self.side, self.way, self.mode = plant.flank, 0, REST if self.stuck or self.inside else SLIP
-        load = forces.rigid(0.0, 0.0, 0.0)
-        held = self.drive.tn < math.inf
-        self.x = 0.0 if held else -math.copysign(max(abs(load) - forces.held, 0.0), load)
-        self.y = (self.x, 0.0, load * self.drive.kv * self.drive.tn if held else 0.0, load)
-        if self.inside and load:
-            self.side = int(math.copysign(1, load))
-
-    def _asked(self, t: float, place: float, speed: float, total: float) -> tuple[float, float]:
-        """What the velocity loop is off by [m/s], and the force that it asks for."""
-        drive, wanted, fed, row = self.drive, self.wanted, self.fed, t / FINE
-        i = int(row)
-        k = row - i
-        off = wanted[i] + k * (wanted[i + 1] - wanted[i]) - drive.kv * place - speed
-        asked = (off + total / drive.tn) / drive.kv + fed[i] + k * (fed[i + 1] - fed[i])
-        return off, self.forces.drive(asked)
-
-    def _touching(self, x: float) -> float:
-        return x + 0.5 * self.side * self.plant.width(x) if self.inside else x
-
-    def _slopes(self, t: float, y: _State) -> _State:
-        """What the state changes by in a second, in the mode that it is in."""
-        place, speed, total, given = y
-        forces, T, bend = self.forces, self.drive.current, 0.0
-        x, table = (self.x, 0.0) if self.mode == CROSS else (place, speed)
-        off, asked = self._asked(t, x, speed if self.plant.fast_side == "motor" else table, total)
-        force = given if T else asked
-        if self.mode == SLIP:
-            force -= self.own * speed + self._cogged(x)
-            if self.bothered:
-                force -= forces.rigid(t, x, speed)
-            if self.way and self.stuck:
-                force -= self.way * forces.dry(abs(speed))
-            bend = force / forces.inertia(t)
-        elif self.mode == CROSS:
-            bend = (force - forces.cogged(place)) / (self.plant.eta * self.plant.b) - self.plant.beta * speed
-        return speed, bend, off, (asked - given) / T if T else 0.0
-
-    def _cogged(self, x: float) -> float:
-        return self.forces.cogged(self._touching(x)) if self.forces.teeth else 0.0
-
-    def _stepped(self, t: float, h: float) -> _State:
-        """The midpoint rule."""
-        one = self._slopes(t, self.y)
-        return _moved(self.y, self._slopes(t + 0.5 * h, _moved(self.y, one, 0.5 * h)), h)
-
-    def _pushes(self, t: float) -> tuple[float, float]:
-        """At rest: what the motor pushes with, and what of it is left on the table."""
-        asked = self._asked(t, self.x, 0.0, self.y[2])[1]
-        push = (self.y[3] if self.drive.current else asked) - self._cogged(self.x)
-        return push, push - self.forces.rigid(t, self.x, 0.0)
-
-    def _leaves(self, t: float) -> None:
-        """End a rest where it ends."""
-        push, net = self._pushes(t)
-        if self.inside and self.side * push < 0.0:
-            self.mode, self.events = CROSS, [*self.events, (t, "open")]
-            self.left = self.x + 0.5 * self.side * self.plant.width(self.x)
-            self.y = (self.left, 0.0, *self.y[2:])
-        elif self.side * net > self.forces.held if self.inside else abs(net) > self.forces.held:
-            self.mode = SLIP
-            self.way = self.side if self.inside else int(math.copysign(1, net))
-
-    def _ends(self, after: _State) -> float:
-        """Which part of a step is left to do when the mode ends in it; -1: it does not."""
-        if self.mode == SLIP and self.way and self.way * after[1] < 0.0:
-            return after[1] / (after[1] - self.y[1])
-        if self.mode == CROSS:
-            gap = self.plant.width(self.x)
-            across, back = -self.side * (after[0] - self.left) - gap, self.side * (after[0] - self.left)
-            over = max(across, back)
-            if over > 0.0:
-                return min(over / max(abs(after[0] - self.y[0]), 1e-18), 1.0)
-        return -1.0
-
-    def _changes(self, t: float) -> None:
-        """Go over to the mode that follows."""
-        if self.mode == SLIP:
-            self.mode, self.way, self.x = REST, 0, self.y[0]
-            self.y = (self.x, 0.0, *self.y[2:])
-            self.events.append((t, "stick"))
-            return
-        across = -self.side * (self.y[0] - self.left) > 0.5 * self.plant.width(self.x)
-        self.side = -self.side if across else self.side
-        self.events.append((t, "pickup" if across else "back"))
-        speed = self.plant.kept * self.plant.eta * self.y[1]
-        self.mode, self.way = (SLIP, self.side) if speed * self.side > 1e-9 else (REST, 0)
-        self.y = (self.x, speed if self.mode == SLIP else 0.0, *self.y[2:])
+        self.axis = _numbers(plant, forces, float(grid[-1]))
 
     def run(self) -> None:
         """Fill the rows."""
+        axis, load, held = self.axis, self.forces.rigid(0.0, 0.0, 0.0), self.forces.held
+        integrates = axis.tn < math.inf
+        x = 0.0 if integrates else -math.copysign(max(abs(load) - held, 0.0), load)
+        side = int(math.copysign(1, load)) if axis.inside and load else self.plant.flank
+        y = _State(x, 0.0, load * axis.kv * axis.tn if integrates else 0.0, load)
+        mode = _Mode(REST if held > 0.0 or axis.inside else SLIP, side, 0, x, 0.0)
         each = round(float(self.grid[1] - self.grid[0]) / STEP)
-        for row in range(len(self.grid)):
-            if row:
-                for k in range((row - 1) * each, row * each):
-                    self._advance(k * STEP, STEP)
-            t = row * each * STEP
-            place, moves, total, given = self.y
-            x, v = (self.x, 0.0) if self.mode == CROSS else (place, moves)
-            if not self.drive.current:
-                given = self._asked(t, x, moves if self.plant.fast_side == "motor" else v, total)[1]
-            self.rows[row] = (x, v, place if self.mode == CROSS else self._touching(x), given)
+        events = _run(axis, y, mode, each, self.rows)
+        self.events = [(t, EVENTS[kind]) for t, kind in events]
 
-    def _advance(self, t: float, h: float) -> None:
-        for _ in range(8):
-            if self.mode == REST:
-                self._leaves(t)
-            after = self._stepped(t, h)
-            left = self._ends(after)
-            if left == 1.0 and self.mode == SLIP:
-                # It pushed hard enough for an instant only: it rests, and its integrator and its current go on.
-                self.mode, self.way = REST, 0
-                after, left = self._stepped(t, h), -1.0
-            if left < 0.0:
-                self.y = after
-                break
-            done = h * (1.0 - left)
-            self.y = self._stepped(t, done)
-            t, h = t + done, h - done
-            self._changes(t)
-        if self.mode != CROSS:
-            self.x = self.y[0]
+
+def _numbers(plant: Plant, forces: Forces, end: float) -> _Axis:
+    place, speed, bend = arrives(forces, end)
+    drive, varied = plant.drive, plant.effect("position_dependent_backlash") or Hidden("none")
+    assert drive is not None
+    share, over = forces.heavier or (0.0, 1.0)
+    return _Axis(
+        kv=drive.kv,
+        tn=drive.tn,
+        current=drive.current,
+        own=plant.c - 1.0 / drive.kv,
+        b=plant.b,
+        eta=plant.eta,
+        beta=plant.beta,
+        kept=plant.kept,
+        motor_speed=plant.fast_side == "motor",
+        inside=plant.feedback == "load" and (plant.gap > 0.0 or varied.name != "none"),
+        gap=plant.gap,
+        slope=varied.get("slope"),
+        reference=varied.get("reference"),
+        bump=varied.get("bump"),
+        centre=varied.get("centre"),
+        width=varied.get("width", 1.0),
+        coulomb=forces.coulomb,
+        breakaway=forces.breakaway,
+        fade=forces.fade,
+        plus=forces.drag[0],
+        minus=forces.drag[1],
+        cubic=forces.cubic,
+        square=forces.square,
+        limit=forces.limit,
+        share=share,
+        over=over,
+        teeth=np.array(forces.teeth).reshape(-1, 3),
+        wanted=drive.kv * place + drive.velocity * speed,
+        fed=drive.acceleration * plant.b * bend,
+        loads=forces.loads(np.arange(len(place)) * FINE),
+    )
+
+
+@numba.njit(cache=True)
+def _run(axis, y, mode, each, rows):  # type: ignore[no-untyped-def]
+    """Fill rows, so many steps apart; return the events."""
+    events = [(0.0, -1)]  # whose types the list takes
+    for row in range(len(rows)):
+        if row:
+            for k in range((row - 1) * each, row * each):
+                y, mode = _advance(axis, k * STEP, STEP, y, mode, events)
+        t = row * each * STEP
+        crosses = mode.kind == CROSS
+        x, v = (mode.x, 0.0) if crosses else (y.place, y.speed)
+        rows[row, 0], rows[row, 1], rows[row, 3] = x, v, y.given
+        rows[row, 2] = y.place if crosses else _touching(axis, mode, x)
+        if not axis.current:
+            rows[row, 3] = _asked(axis, t, x, y.speed if axis.motor_speed else v, y.total)[1]
+    return events[1:]
+
+
+@numba.njit
+def _advance(axis, t, h, y, mode, events):  # type: ignore[no-untyped-def]
+    for _ in range(8):
+        if mode.kind == REST:
+            y, mode = _leaves(axis, t, y, mode, events)
+        after = _stepped(axis, t, h, y, mode)
+        left = _ends(axis, y, after, mode)
+        if left == 1.0 and mode.kind == SLIP:
+            # It pushed hard enough for an instant only: it rests, and its integrator and its current go on.
+            mode = _Mode(REST, mode.side, 0, mode.x, mode.left)
+            after, left = _stepped(axis, t, h, y, mode), -1.0
+        if left < 0.0:
+            y = after
+            break
+        done = h * (1.0 - left)
+        y = _stepped(axis, t, done, y, mode)
+        t, h = t + done, h - done
+        y, mode = _changes(axis, t, y, mode, events)
+    x = mode.x if mode.kind == CROSS else y.place
+    return y, _Mode(mode.kind, mode.side, mode.way, x, mode.left)
+
+
+@numba.njit
+def _leaves(axis, t, y, mode, events):  # type: ignore[no-untyped-def]
+    """End a rest where it ends: `push` is the motor's, `net` what of it is left on the table."""
+    side, x, held = mode.side, mode.x, axis.coulomb + axis.breakaway
+    push = (y.given if axis.current else _asked(axis, t, x, 0.0, y.total)[1]) - _cogged(axis, _touching(axis, mode, x))
+    net = push - _rigid(axis, t, x, 0.0)
+    if axis.inside and side * push < 0.0:
+        events.append((t, OPEN))
+        left = x + 0.5 * side * _width(axis, x)
+        return _State(left, 0.0, y.total, y.given), _Mode(CROSS, side, mode.way, x, left)
+    if (side * net if axis.inside else abs(net)) > held:
+        way = side if axis.inside else (1 if net > 0.0 else -1)
+        return y, _Mode(SLIP, side, way, x, mode.left)
+    return y, mode
+
+
+@numba.njit
+def _ends(axis, y, after, mode):  # type: ignore[no-untyped-def]
+    """Which part of a step is left to do when the mode ends in it; -1: it does not."""
+    if mode.kind == SLIP and mode.way and mode.way * after.speed < 0.0:
+        return after.speed / (after.speed - y.speed)
+    if mode.kind == CROSS:
+        way = mode.side * (after.place - mode.left)
+        over = max(-way - _width(axis, mode.x), way)
+        if over > 0.0:
+            return min(over / max(abs(after.place - y.place), 1e-18), 1.0)
+    return -1.0
+
+
+@numba.njit
+def _changes(axis, t, y, mode, events):  # type: ignore[no-untyped-def]
+    """Go over to the mode that follows."""
+    if mode.kind == SLIP:
+        events.append((t, STICK))
+        return _State(y.place, 0.0, y.total, y.given), _Mode(REST, mode.side, 0, y.place, mode.left)
+    across = -mode.side * (y.place - mode.left) > 0.5 * _width(axis, mode.x)
+    side = -mode.side if across else mode.side
+    events.append((t, PICKUP if across else BACK))
+    speed = axis.kept * axis.eta * y.speed
+    slips = speed * side > 1e-9
+    after = _State(mode.x, speed if slips else 0.0, y.total, y.given)
+    return after, _Mode(SLIP if slips else REST, side, side if slips else 0, mode.x, mode.left)
+
+
+@numba.njit
+def _stepped(axis, t, h, y, mode):  # type: ignore[no-untyped-def]
+    """Make a step by the midpoint rule."""
+    middle = _moved(y, _slopes(axis, t, y, mode), 0.5 * h)
+    return _moved(y, _slopes(axis, t + 0.5 * h, middle, mode), h)
+
+
+@numba.njit
+def _moved(y, by, h):  # type: ignore[no-untyped-def]
+    return _State(y.place + h * by.place, y.speed + h * by.speed, y.total + h * by.total, y.given + h * by.given)
+
+
+@numba.njit
+def _slopes(axis, t, y, mode):  # type: ignore[no-untyped-def]
+    """Return what the state changes by in a second, in the mode that it is in."""
+    speed, bend = y.speed, 0.0
+    x, table = (mode.x, 0.0) if mode.kind == CROSS else (y.place, speed)
+    off, asked = _asked(axis, t, x, speed if axis.motor_speed else table, y.total)
+    force = y.given if axis.current else asked
+    if mode.kind == SLIP:
+        force -= axis.own * speed + _cogged(axis, _touching(axis, mode, x))
+        force -= _rigid(axis, t, x, speed)
+        if mode.way:
+            force -= mode.way * _dry(axis, abs(speed))
+        bend = force / (axis.b * (1.0 + axis.share * min(max(t / axis.over, 0.0), 1.0)))
+    elif mode.kind == CROSS:
+        bend = (force - _cogged(axis, y.place)) / (axis.eta * axis.b) - axis.beta * speed
+    return _State(speed, bend, off, (asked - y.given) / axis.current if axis.current else 0.0)
+
+
+@numba.njit
+def _asked(axis, t, place, speed, total):  # type: ignore[no-untyped-def]
+    """Return what the velocity loop is off by [m/s], and the force that it asks for."""
+    off = _between(axis.wanted, t) - axis.kv * place - speed
+    asked = (off + total / axis.tn) / axis.kv + _between(axis.fed, t)
+    return off, min(max(asked, -axis.limit), axis.limit)
+
+
+@numba.njit
+def _between(rows, t):  # type: ignore[no-untyped-def]
+    row = t / FINE
+    i = int(row)
+    return rows[i] + (row - i) * (rows[i + 1] - rows[i])
+
+
+@numba.njit
+def _touching(axis, mode, x):  # type: ignore[no-untyped-def]
+    return x + 0.5 * mode.side * _width(axis, x) if axis.inside else x
+
+
+@numba.njit
+def _width(axis, x):  # type: ignore[no-untyped-def]
+    off = (x - axis.centre) / axis.width
+    return max(axis.gap + axis.slope * (x - axis.reference) + axis.bump * math.exp(-0.5 * off * off), 0.0)
+
+
+@numba.njit
+def _cogged(axis, x):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for force, rate, phase in axis.teeth:
+        total += force * math.sin(rate * x + phase)
+    return total
+
+
+@numba.njit
+def _rigid(axis, t, x, v):  # type: ignore[no-untyped-def]
+    drag = (axis.plus if v > 0.0 else axis.minus) * v
+    return drag + _between(axis.loads, t) + axis.cubic * x * x * x + axis.square * v * abs(v)
+
+
+@numba.njit
+def _dry(axis, speed):  # type: ignore[no-untyped-def]
+    ratio = speed / axis.fade
+    return axis.coulomb + axis.breakaway * math.exp(-ratio * ratio)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from tests.support.ideal_play import dragged
 from tests.support.plants.axis import Forces, Plant
 from tests.support.plants.cascades import CascadeBody
 from tests.support.plants.stepping import Floats, solve, stop
@@ -217,7 +218,7 @@ class _InCascade(CascadeBody):
     """The same of an axis in a cascade."""
 
     def motion(self, rows: Floats) -> Motion:
-        X = np.array([self.forces.asked(t) for t in self.grid.tolist()])
+        X = self.forces.track.rows(self.forces.axis, self.grid)[0]
         return Motion(self.grid, X, rows[:, 0], rows[:, 2], rows[:, 1], rows[:, 3], tuple(self.events))
 
 
@@ -249,9 +250,9 @@ def _behind(plant: Plant, forces: Forces, n: int, windup: Any) -> Motion:
 
 def _play(plant: Plant, motor: Floats) -> Floats:
     """The play operator: the table stands where it was last pushed to."""
-    if plant.gap == 0.0 and plant.effect("position_dependent_backlash") is None:
-        return motor
     x = float(motor[0]) - 0.5 * plant.flank * plant.width(0.0)
+    if plant.effect("position_dependent_backlash") is None:
+        return dragged(motor, 0.5 * plant.gap, x) if plant.gap else motor
     table = np.empty_like(motor)
     for i, m in enumerate(motor.tolist()):
         half = 0.5 * plant.width(x)
