@@ -41,11 +41,29 @@ LONGEST_SIMULATED: Final = 1.0 * HOUR
 """No error is simulated of a program that runs longer, as time and memory grow with it [s]."""
 
 
+_MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1
+"""Numbers of glibc's settings."""
+
+_APART: Final = 1 << 20
+"""Bytes from which an array of a long program has pages of its own, which go back as soon as it does."""
+
+_SPARE: Final = 1 << 24
+"""Bytes of free memory that are kept for smaller arrays."""
+
+
 @cache
 def _trim() -> Any:
-    """Return the C library's function that gives free memory back; None where it has none."""
+    """Return the C library's function that gives free memory back; None where it has none.
+
+    From then on large arrays leave no gaps: glibc would keep memory for arrays as large as any that was ever freed.
+    """
     try:
-        return getattr(ctypes.CDLL(None), "malloc_trim", None)
+        library = ctypes.CDLL(None)
+        trim = getattr(library, "malloc_trim", None)
+        if trim is not None:
+            library.mallopt(_MMAP_THRESHOLD, _APART)
+            library.mallopt(_TRIM_THRESHOLD, _SPARE)
+        return trim
     except (OSError, TypeError):
         return None
 

@@ -149,6 +149,6 @@ def path_on_program(program: PartProgram, path: Path, made: Program) -> ProgramP
             found.append(k)
     if len(found) < goes.size or not found:
         return None
-    motion = np.array(found, dtype=np.int64)
+    motion = np.array(found, dtype=np.int32)
     s = np.append(made.places[goes], made.places[-1])
     return ProgramPath(path=path, chain=int(program.motions.chain[motion[0]]), motion=motion, s=s)

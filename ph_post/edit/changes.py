@@ -60,9 +60,9 @@ def _unfed(program: PartProgram) -> BoolArray:
     """
     motions = program.motions
     found = without_feed(program)
-    cuts = np.flatnonzero(motions.kind != RAPID)
     if not found.any():
         return found
+    cuts = np.flatnonzero(motions.kind != RAPID)
     behind = np.searchsorted(cuts, np.arange(found.size))
     beside = np.zeros(found.size, dtype=np.bool_)
     for near in (cuts[np.maximum(behind - 1, 0)], cuts[np.minimum(behind, cuts.size - 1)]):

@@ -179,10 +179,9 @@ class CrossingGround:
         self.threads = Threads(program)
         self.rapids = np.flatnonzero(program.motions.kind == RAPID)
         self.region = _regions(program, self.halts)
-        begins = np.flatnonzero(np.diff(self.region, prepend=-2) != 0)
+        begins, self.region_number = _stretches(self.region)
         self.region_low = self.along[begins]
         self.region_high = self.along[np.append(begins[1:], self.region.size)]
-        self.region_number = np.cumsum(np.diff(self.region, prepend=-2) != 0, dtype=np.int32) - np.int32(1)
         self.divisible = self._may_divide()
         self.shapes = {name: self._shape(machine.axes[name]) for name in sides}
         axes = machine.axes
@@ -197,13 +196,16 @@ class CrossingGround:
         kind, axes = self.program.motions.kind, self.machine.axes
         arcs = np.flatnonzero(kind == ARC)
         turning = plane_columns(self.program.motions.plane[arcs])[:, :2]
-        length = np.maximum(np.diff(self.along), 1e-12)
+        length = np.diff(self.along)
+        np.maximum(length, 1e-12, out=length)
         found = np.full(kind.size, math.inf)
         for column, name in enumerate(AXES):  # one by one: there may be a million motions
-            part = np.abs(self.way[:, column]) / length
+            part = np.abs(self.way[:, column])
+            part /= length
             part[arcs[(turning == column).any(axis=1)]] = 1.0
             limit = axes[name].limits.acceleration if name in axes else math.inf
-            np.minimum(found, limit / np.maximum(part, 1e-12), out=found)
+            np.maximum(part, 1e-12, out=part)
+            np.minimum(found, np.divide(limit, part, out=part), out=found)
         if not isinstance(self.planner, ExactPath):
             found[arcs] *= math.sqrt(1.0 - ACROSS**2)
         return np.asarray(found)
@@ -365,7 +367,15 @@ class CrossingGround:
         return TURNING * self.machine.axes[name].limits.acceleration if stepped else math.inf
 
 
-def _regions(program: PartProgram, halts: BoolArray) -> IntArray:
+def _stretches(region: PlaceArray) -> tuple[IntArray, PlaceArray]:
+    """Return where stretches of motions in one region begin, and the number of each motion's stretch (m,)."""
+    new = np.append(True, region[1:] != region[:-1])[: region.size]
+    number = np.cumsum(new, dtype=np.int32)
+    number -= np.int32(1)
+    return np.flatnonzero(new), number
+
+
+def _regions(program: PartProgram, halts: BoolArray) -> PlaceArray:
     """Return the number of the stretch of every motion in which a crossing may lie; −1 where none may.
 
     A stretch ends where the axes stop, as behind a motion that `halts`, where modes change, and at commands of the
@@ -390,8 +400,9 @@ def _regions(program: PartProgram, halts: BoolArray) -> IntArray:
     for rows in (m_words, dwells):
         stop[np.searchsorted(motions.block, words.block[rows], side="right")] = True
     # Filament alone is pushed or drawn back while the axes rest.
-    alone = np.setdiff1d(np.array(list(filament_of(program)), dtype=np.int64), motions.block)
-    stop[np.searchsorted(motions.block, alone.astype(motions.block.dtype))] = True
+    filament = np.array(list(filament_of(program)), dtype=motions.block.dtype)
+    if filament.size:
+        stop[np.searchsorted(motions.block, np.setdiff1d(filament, motions.block))] = True
     known = np.isfinite(motions.start).any(axis=1) & (motions.kind != RAPID) & (motions.kind != NURBS)
     known &= ~(np.isnan(motions.start) & ~np.isnan(motions.end)).any(axis=1)
     known &= ~program.threads

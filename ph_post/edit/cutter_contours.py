@@ -156,7 +156,7 @@ class CutterContours:
         motions = program.motions
         sides = np.array([_side(modal.compensation) for modal in program.modal], dtype=np.int8)
         side = sides[program.state[motions.block]]
-        ends = np.flatnonzero(np.diff(side, prepend=0, append=0) != 0)
+        ends = np.flatnonzero(np.diff(side, prepend=np.int8(0), append=np.int8(0)) != 0)
         self.contours = tuple(
             CutterContour(
                 first=low,

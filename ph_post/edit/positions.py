@@ -157,16 +157,16 @@ def find_restarts(
     absolute = np.array([modal.absolute for modal in program.modal], dtype=np.bool_)[program.state[motions.block]]
     # The tool goes down alone before it cuts.
     alone = ~rapid & ~moving[:, :2].any(axis=1)
-    clock = np.append(0.0, np.cumsum(times))
-    numbers = np.cumsum(np.append(False, np.diff(motions.chain) != 0))
+    clock = np.zeros(times.size + 1)
+    np.cumsum(times, out=clock[1:])
+    heads = np.append(True, motions.chain[1:] != motions.chain[:-1])
+    numbers = np.cumsum(heads, dtype=np.int32) - np.int32(1)
     found: list[Restart] = []
     others: dict[int, Restart] = {}
     # A lathe has no Y: there X alone comes to its place.
     across = [column for column in range(2) if moving[:, column].any()]
     late = late and len(across) > 1
-    heads = np.append(True, np.diff(numbers) != 0)
-    ends = np.flatnonzero(np.append(~alone | heads, True))
-    rests = np.flatnonzero(np.append(~rapid | heads, True))
+    ends, rests = (np.flatnonzero(np.append(mask | heads, True)).astype(np.int32) for mask in (~alone, ~rapid))
     last_cut = np.flatnonzero(~rapid).max(initial=-1)
     for first in np.flatnonzero(rapid & ~np.append(False, rapid[:-1] & ~heads[1:])).tolist():
         if first > last_cut:
@@ -174,8 +174,8 @@ def find_restarts(
         fresh = not found or found[-1].chain != numbers[first]
         if not fresh and not (late and clock[first] - clock[found[-1].first] >= apart):
             continue
-        run = slice(first, int(rests[np.searchsorted(rests, first, side="right")]))
-        cut = int(ends[np.searchsorted(ends, run.stop)])
+        run = slice(first, int(rests[np.searchsorted(rests, np.int32(first), side="right")]))
+        cut = int(ends[np.searchsorted(ends, np.int32(run.stop))])
         down = moving[first:cut, 2] & (motions.end[first:cut, 2] < motions.start[first:cut, 2])
         own = [np.flatnonzero(named[run, column] & absolute[run]) for column in across]
         ready = bool(own) and bool(down.any()) and absolute[first:cut].all()

@@ -155,6 +155,8 @@ class ReversalSearch:
         """Give up sections in which no cut can be written, as nobody knows what its F would mean."""
         motions = self.program.motions
         modes = np.array([modal.feed_mode == 0 for modal in self.program.modal], dtype=np.bool_)
+        if not modes.any():
+            return
         unsure = np.logical_or.reduceat(modes[self.program.state[motions.block]], self.low)
         for name, open_ in self.open.items():
             for section in np.flatnonzero(unsure & open_).tolist():

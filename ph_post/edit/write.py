@@ -97,7 +97,7 @@ class ShiftedNumbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def text(self, program: PartProgram, block: int) -> dict[int, str]:
         """Return the new text of the changed words of a line."""
         own = program.words_of(block)
-        low, high = np.searchsorted(self.word, [own.start, own.stop])
+        low, high = self.word.searchsorted(np.array([own.start, own.stop], dtype=self.word.dtype))
         return {
             int(self.word[n]): chr(program.data[program.words.start[self.word[n]]])
             + self.pool[self.bounds[n] : self.bounds[n + 1]].tobytes().decode("latin-1")
@@ -213,6 +213,7 @@ def shifted_numbers(program: PartProgram, changed: ShiftedWords, decimals: int, 
     """Add to every number the shift of its word, with at least `least` decimals."""
     words, word = program.words, changed.word
     table, number = _distinct(changed.delta)
+    del changed  # as large as what is made of it
     delta = np.array([_trimmed(count, decimals, least) for count in table.tolist()], dtype=np.int64).reshape(-1, 2)
     data = np.frombuffer(program.data, np.uint8)
     # What is not written of it takes no memory.
@@ -257,10 +258,16 @@ def _distinct(delta: PlaceArray) -> tuple[PlaceArray, ByteArray]:
     if int(delta.max()) - low > _WIDEST:
         table, number = np.unique(delta, return_inverse=True)
         return table, number.astype(np.uint8)
-    found = np.flatnonzero(np.bincount(delta - low))
-    place = np.zeros(int(found[-1]) + 1, dtype=np.uint8)
+    counts, which = np.zeros(int(delta.max()) - low + 1, dtype=np.int64), np.empty(delta.size, dtype=np.uint8)
+    parts = [slice(first, first + _PART) for first in range(0, delta.size, _PART)]
+    for part in parts:
+        counts += np.bincount(delta[part] - low, minlength=counts.size)
+    found = np.flatnonzero(counts)
+    place = np.zeros(counts.size, dtype=np.uint8)
     place[found] = np.arange(found.size)
-    return (found + low).astype(np.int32), place[delta - low]
+    for part in parts:
+        which[part] = place[delta[part] - low]
+    return (found + low).astype(np.int32), which
 
 
 def _trimmed(count: int, decimals: int, least: int) -> tuple[int, int]:

@@ -9,11 +9,14 @@ import numpy as np
 from ph_post.gcode.curves import curves_of, round_corners
 from ph_post.gcode.fitting.polyline import fit_polyline
 from ph_post.gcode.fitting.samples import ROUND, PolylineFit
-from ph_post.gcode.program import AXES, CUBIC, LINE, RAPID, Motions
+from ph_post.gcode.program import AXES, CUBIC, LINE, RAPID, Motions, PlaceArray, in_a_row
 from ph_post.geometry.curves import Arc, Composite
 from ph_post.geometry.piecewise import MEETS, Piece, PiecewiseCurve
 from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, Curve, IntArray, Path, Segment, sealed
+
+_PART: Final = 1 << 16
+"""Motions that are looked at together."""
 
 FEED_ROUGH: Final = 1e-2
 """Straight moves in a row whose feeds differ by no more than this part all count with the first one's feed:
@@ -21,14 +24,14 @@ controllers follow a feed no better, and a curve would fall apart where every li
 
 
 def assemble(
-    motions: Motions, rows: IntArray, columns: tuple[int, ...], tolerance: float
+    motions: Motions, rows: PlaceArray, columns: tuple[int, ...], tolerance: float
 ) -> tuple[tuple[Segment, ...], Array, dict[int, PiecewiseCurve]]:
     """Make the segments of motions, and find the arc length at their beginnings and end.
 
     Parameters
     ----------
     motions : Motions
-    rows : IntArray, shape (k,)
+    rows : PlaceArray, shape (k,)
         Motions that go somewhere, one after the other, their positions known.
     columns : tuple of int
         Columns of the path's axes, two or three.
@@ -53,21 +56,20 @@ class _Assembly:
     between corners, to be replaced by what they are, or none at all where they end where they begin.
     """
 
-    def __init__(self, motions: Motions, rows: IntArray, columns: tuple[int, ...], tolerance: float) -> None:
+    def __init__(self, motions: Motions, rows: PlaceArray, columns: tuple[int, ...], tolerance: float) -> None:
         self.motions, self.rows, self.columns = motions, rows, columns
-        # An axis that never moves may be where nobody knows.
-        start, end = (np.nan_to_num(place[rows][:, columns]) for place in (motions.start, motions.end))
-        self.is_line = motions.kind[rows] == LINE
-        steps = np.linalg.norm(end - start, axis=1) > MEETS
-        self.step_motion = np.flatnonzero(steps)
-        """Row of every step of the polyline."""
-        self.points = np.concatenate([start[:1], end[steps]])
-        self.before = np.cumsum(steps) - steps
-        """Vertex at which every row begins."""
+        self.own = in_a_row(rows)
+        self.is_line = motions.kind[self.own] == LINE
+        self.step_motion, self.points = self._steps()
+        """Row of every step of the polyline, and its vertices."""
+        other = np.flatnonzero(~self.is_line)
+        vertex = np.searchsorted(self.step_motion, other)
+        found = vertex == self.step_motion.size
+        found[~found] = self.step_motion[vertex[~found]] != other[~found]
         self.loops: dict[int, list[int]] = {}
-        for row in np.flatnonzero(~steps & ~self.is_line).tolist():
-            self.loops.setdefault(int(self.before[row]), []).append(row)
-        self.feed = self._feeds(start, end)
+        for row, before in zip(other[found].tolist(), vertex[found].tolist(), strict=True):
+            self.loops.setdefault(before, []).append(row)
+        self.feed = self._feeds()
         self.segments: list[Segment] = []
         self.smooth: list[bool] = []
         """Whether each segment may be bent at its ends: not rapids, cubics, nor what ends in stops."""
@@ -103,11 +105,29 @@ class _Assembly:
             segments=tuple(self.segments),
         )
 
-    def _feeds(self, start: Array, end: Array) -> Array:
+    def _places(self, part: slice | IntArray) -> tuple[Array, Array]:
+        """Return the starts and ends of some rows in the path's axes [m]."""
+        rows = in_a_row(self.rows[part])
+        # An axis that never moves may be where nobody knows.
+        start, end = (np.nan_to_num(place[rows][:, self.columns]) for place in (self.motions.start, self.motions.end))
+        return start, end
+
+    def _steps(self) -> tuple[IntArray, Array]:
+        """Return the rows that lead from one vertex of the polyline to the next, and the vertices [m]."""
+        rows, points = [], [self._places(slice(0, 1))[0]]
+        for first in range(0, self.rows.size, _PART):
+            start, end = self._places(slice(first, first + _PART))
+            steps = np.flatnonzero(np.linalg.norm(end - start, axis=1) > MEETS)
+            rows.append(first + steps)
+            points.append(end[steps])
+        return np.concatenate(rows), np.concatenate(points)
+
+    def _feeds(self) -> Array:
         """Feed of every row [m/s], 0 of rapids; of inverse times what their length makes of them."""
-        feed, duration = self.motions.feed[self.rows].copy(), self.motions.duration[self.rows]
-        timed = np.flatnonzero((duration > 0.0) & (self.motions.kind[self.rows] != RAPID))
-        length = np.linalg.norm(end[timed] - start[timed], axis=1)
+        feed, duration = self.motions.feed[self.own].copy(), self.motions.duration[self.own]
+        timed = np.flatnonzero((duration > 0.0) & (self.motions.kind[self.own] != RAPID))
+        start, end = self._places(timed)
+        length = np.linalg.norm(end - start, axis=1)
         for place in np.flatnonzero(~self.is_line[timed]).tolist():
             length[place] = sum(curve.length for curve in self._curves(int(timed[place])))
         feed[timed] = length / duration[timed]

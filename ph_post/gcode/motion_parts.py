@@ -10,7 +10,7 @@ import numpy as np
 
 from ph_post.compiling import compiled, read_only
 from ph_post.errors import InputError
-from ph_post.gcode.program import ARC, CUBIC, NURBS, PLANE_AXES, Motions, plane_columns
+from ph_post.gcode.program import ARC, CUBIC, NURBS, PLANE_AXES, Motions, PlaceArray, plane_columns
 from ph_post.types import Array, IntArray
 
 
@@ -90,9 +90,9 @@ def arc_lengths(motions: Motions, arcs: IntArray) -> Array:
     return np.asarray(np.hypot(swept, np.nan_to_num(rise)))
 
 
-def chord_lengths(motions: Motions) -> Array:
-    """Return the distances of the ends of all motions from their starts [m], shape (m,); an unknown way counts as 0."""
-    return np.asarray(_chords(read_only(motions.start), read_only(motions.end)))
+def chord_lengths(motions: Motions, rows: PlaceArray | slice = slice(None)) -> Array:
+    """Return the distances of the ends of motions from their starts [m], shape (k,); an unknown way counts as 0."""
+    return np.asarray(_chords(read_only(motions.start[rows]), read_only(motions.end[rows])))
 
 
 @compiled

@@ -11,7 +11,19 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.assembly import assemble
-from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, PLANE_AXES, RAPID, Motions, PartProgram
+from ph_post.gcode.motion_parts import chord_lengths
+from ph_post.gcode.program import (
+    ARC,
+    AXES,
+    CUBIC,
+    NURBS,
+    PLANE_AXES,
+    RAPID,
+    Motions,
+    PartProgram,
+    PlaceArray,
+    in_a_row,
+)
 from ph_post.geometry.piecewise import MEETS, PiecewiseCurve
 from ph_post.types import Array, BoolArray, IntArray, Path
 from ph_post.units import MM
@@ -29,7 +41,7 @@ class ProgramPath(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     path: Path
     chain: int
-    motion: IntArray
+    motion: PlaceArray
     s: Array
     cubics: Mapping[int, PiecewiseCurve] = {}
     warnings: tuple[str, ...] = ()
@@ -47,11 +59,11 @@ class ProgramPath(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         for number, curve in self._on_cubics(row):
             on = (row == number) & ~near
             share[on] = curve.parameter(share[on] * curve.length)
-        return self.motion[row], share
+        return self.motion[row].astype(np.int64), share
 
     def to_path(self, motion: IntArray, share: Array) -> Array:
         """Return the arc lengths [m] of shares of motions; of a motion that goes nowhere, the end of the one before."""
-        row = np.searchsorted(self.motion, motion)
+        row = np.searchsorted(self.motion, motion.astype(self.motion.dtype))
         found = (row < self.motion.size) & (self.motion[np.minimum(row, self.motion.size - 1)] == motion)
         share = np.array(share, dtype=np.float64)
         for number, curve in self._on_cubics(row):
@@ -156,22 +168,23 @@ def places_words(spans: Sequence[tuple[int, int]]) -> str:
     return ", ".join(line_words(*one) for one in spans[:SHOWN]) + more
 
 
-def _chains(motions: Motions) -> list[tuple[int, IntArray]]:
+def _chains(motions: Motions) -> list[tuple[int, PlaceArray]]:
     """Chains and their motions; a chain's motions follow each other."""
     if motions.chain.size == 0:
         return []
     heads = np.flatnonzero(np.diff(motions.chain, prepend=motions.chain[0] - 1))
-    parts = np.split(np.arange(motions.chain.size), heads[1:])
+    parts = np.split(np.arange(motions.chain.size, dtype=np.int32), heads[1:])
     return [(int(motions.chain[rows[0]]), rows) for rows in parts]
 
 
-def _known(program: PartProgram, rows: IntArray) -> tuple[IntArray, tuple[str, ...]]:
+def _known(program: PartProgram, rows: PlaceArray) -> tuple[PlaceArray, tuple[str, ...]]:
     """Leave out the motions before the axes that move are all known, or those from where the last of them is.
 
     A plotter's program may name Z at its end alone: the path is what it draws before.
     """
     motions = program.motions
-    start, end = motions.start[rows], motions.end[rows]
+    own = in_a_row(rows)
+    start, end = motions.start[own], motions.end[own]
     moves = ~(start == end).all(axis=0) & ~np.isnan(end[-1])
     unknown = np.flatnonzero(np.isnan(start[:, moves]).any(axis=1))
     if not unknown.size:
@@ -185,40 +198,43 @@ def _known(program: PartProgram, rows: IntArray) -> tuple[IntArray, tuple[str, .
     return kept, _left_out(motions, rows[: unknown[-1] + 1], "where the axes are is not known yet")
 
 
-def _left_out(motions: Motions, rows: IntArray, why: str) -> tuple[str, ...]:
+def _left_out(motions: Motions, rows: PlaceArray, why: str) -> tuple[str, ...]:
     """Say that motions are not in a path, where any of them cuts."""
     if (motions.kind[rows] == RAPID).all():
         return ()
     return (f"{line_words(*motions.block[rows[[0, -1]]].tolist())}: {why}: left out of the path",)
 
 
-def _goes(motions: Motions, rows: IntArray) -> IntArray:
+def _goes(motions: Motions, rows: PlaceArray) -> PlaceArray:
     """Return the motions that go somewhere."""
-    way = motions.end[rows] - motions.start[rows]
-    apart = np.sqrt(np.where(np.isnan(way), 0.0, way * way).sum(axis=1)) > MEETS
-    bent = np.isin(motions.kind[rows], (CUBIC, NURBS)) | ((motions.kind[rows] == ARC) & (motions.angle[rows] != 0.0))
-    return np.asarray(rows[apart | bent])
+    own = in_a_row(rows)
+    apart = chord_lengths(motions, own) > MEETS
+    kind = motions.kind[own]
+    bent = (kind == CUBIC) | (kind == NURBS) | ((kind == ARC) & (motions.angle[own] != 0.0))
+    goes = apart | bent
+    return rows if goes.all() else np.asarray(rows[goes])
 
 
 def without_feed(program: PartProgram) -> BoolArray:
     """Mask of the motions (m,) that cut at a feed that is not known: with G95, or where no F was given yet."""
-    return _without_feed(program.motions, np.arange(program.motions.kind.size))
+    return _without_feed(program.motions, slice(None))
 
 
-def _without_feed(motions: Motions, rows: IntArray) -> BoolArray:
+def _without_feed(motions: Motions, rows: PlaceArray | slice) -> BoolArray:
     known = (motions.kind[rows] == RAPID) | (motions.duration[rows] > 0.0)
     return np.asarray(~known & np.isnan(motions.feed[rows]))
 
 
-def _lacks_feed(motions: Motions, rows: IntArray) -> bool:
-    return bool(_without_feed(motions, rows).any())
+def _lacks_feed(motions: Motions, rows: PlaceArray) -> bool:
+    return bool(_without_feed(motions, in_a_row(rows)).any())
 
 
-def _columns(motions: Motions, rows: IntArray) -> tuple[int, ...]:
+def _columns(motions: Motions, rows: PlaceArray) -> tuple[int, ...]:
     """Columns of the axes that move, at least two."""
-    moving = (motions.start[rows] != motions.end[rows]) & ~np.isnan(motions.end[rows])
+    own = in_a_row(rows)
+    moving = (motions.start[own] != motions.end[own]) & ~np.isnan(motions.end[own])
     found = set(np.flatnonzero(moving.any(axis=0)).tolist())
-    if np.isin(motions.kind[rows], (CUBIC, NURBS)).any():
+    if np.isin(motions.kind[own], (CUBIC, NURBS)).any():
         found |= {0, 1}
     for plane in set(motions.plane[rows[motions.kind[rows] == ARC]].tolist()):
         found |= {*PLANE_AXES[plane][:2]}
@@ -228,7 +244,9 @@ def _columns(motions: Motions, rows: IntArray) -> tuple[int, ...]:
     return tuple(sorted(found))
 
 
-def _path(program: PartProgram, chain: int, rows: IntArray, tolerance: float, warnings: tuple[str, ...]) -> ProgramPath:
+def _path(
+    program: PartProgram, chain: int, rows: PlaceArray, tolerance: float, warnings: tuple[str, ...]
+) -> ProgramPath:
     motions = program.motions
     rows = _goes(motions, rows)
     columns = _columns(motions, rows)
@@ -242,6 +260,6 @@ def _path(program: PartProgram, chain: int, rows: IntArray, tolerance: float, wa
         closed=False,
         segments=segments,
         digest=program.digest,
-        lines=(s[1:], motions.block[rows] + np.int32(1)),
+        lines=(s[1:], motions.block[in_a_row(rows)] + np.int32(1)),
     )
     return ProgramPath(path=path, chain=chain, motion=rows, s=s, cubics=cubics, warnings=warnings)

@@ -41,6 +41,17 @@ CodeArray = NDArray[np.int8]
 """Small numbers."""
 
 
+def in_a_row(rows: PlaceArray) -> PlaceArray | slice:
+    """Return numbers that rise as a slice where none is left out, which makes no copy of what it is taken from.
+
+    Examples
+    --------
+    >>> in_a_row(np.array([3, 4, 5], dtype=np.int32)), in_a_row(np.array([3, 5], dtype=np.int32)).tolist()
+    (slice(3, 6, None), [3, 5])
+    """
+    return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size and rows[-1] - rows[0] == rows.size - 1 else rows
+
+
 def plane_columns(plane: CodeArray) -> CodeArray:
     """Return the first, second and third axis of planes 17 to 19, shape (n, 3).
 

@@ -10,6 +10,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
+from ph_post.bounds import MANY_LINES
 from ph_post.errors import InputError
 from ph_post.gcode import codes, splinewords
 from ph_post.gcode.arcs import RADII_DIFFER, RADIUS_TOO_SMALL, solve_arcs
@@ -274,9 +275,16 @@ def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartPr
         language = msgspec.structs.replace(language, diameters=True)
     placed = _in_radii(lexed) if language.diameters else lexed
     placed = _with_skips(placed) if language.skips else placed
+    source = WordSource(lexed.words, partial(_words_again, data, lines, language, lexed.end))
+    if lines.size > MANY_LINES:
+        source.let_go()
+        lexed, placed = _unplaced(lexed), _unplaced(placed)
     blocks = _resolve(placed, plain, language)
     del plain  # as large as the program
     motions = _make_motions(placed, blocks)
+    del placed
+    if blocks.whys.any():
+        lexed = msgspec.structs.replace(lexed, words=source.get())
     notes = find_notes(lexed, data, blocks)
     if strict and notes:
         raise _refusal(name, data, lexed, notes[0], blocks)
@@ -304,7 +312,7 @@ def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartPr
         data=data,
         digest=hashlib.sha256(data).hexdigest(),
         lines=lines,
-        source=WordSource(lexed.words, partial(_words_again, data, lines, language, lexed.end)),
+        source=source,
         motions=msgspec.structs.replace(motions, chain=chain),
         modal=tuple(make_modal(row) for row in blocks.table),
         state=sealed(narrowed(blocks.states)),
@@ -497,6 +505,13 @@ def _with_skips(lexed: Lexed) -> Lexed:
         return lexed
     value = sealed(np.where(skips, codes.SKIP / 10.0, words.value))
     return msgspec.structs.replace(lexed, words=msgspec.structs.replace(words, value=value))
+
+
+def _unplaced(lexed: Lexed) -> Lexed:
+    """Return words without their places and decimals, which are read again where they are asked for."""
+    words, nothing = lexed.words, np.zeros(0, dtype=np.int32)
+    bare = msgspec.structs.replace(words, start=nothing, end=nothing, decimals=nothing.astype(np.int16))
+    return msgspec.structs.replace(lexed, words=bare)
 
 
 def _make_motions(lexed: Lexed, blocks: _Blocks) -> Motions:
