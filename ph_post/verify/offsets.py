@@ -287,7 +287,9 @@ def check_amounts(case: VerifyCase, pairing: Pairing) -> None:
         carried = np.abs(pairing.after[:, axis])
         off = carried > EXACT
         for value in sides.get(axis, ()):
-            off &= np.abs(pairing.after[:, axis] - value) > EXACT
+            beside = pairing.after[:, axis] - value
+            off &= np.abs(beside, out=beside) > EXACT
+            del beside
         beyond = carried > max(offset, pulse) + EXACT
         wrong = np.where(~pairing.jog | last, off, beyond | (off & (pulse == 0.0)))
         wrong[before[:, axis] & (carried <= pulse + offset + EXACT)] = False

@@ -335,13 +335,16 @@ def dwell_beside(
     if not dwells.block.size or not block.size:
         nothing = np.zeros(block.size, dtype=bool)
         return nothing, nothing
-    place = np.searchsorted(dwells.block, block)
-    previous = np.concatenate([[-1], block[:-1]])
-    following = np.concatenate([block[1:], [np.iinfo(np.int64).max]])
+    inside = np.flatnonzero(change != NO_CHANGE)
+    place = np.searchsorted(dwells.block, block[inside])
+    previous = np.where(inside > 0, block[inside - 1], -1)
+    following = np.where(inside + 1 < block.size, block[np.minimum(inside + 1, block.size - 1)], np.iinfo(np.int32).max)
     last = dwells.block[np.maximum(place - 1, 0)]
     first = dwells.block[np.minimum(place, dwells.block.size - 1)]
-    ahead = (place > 0) & (last > previous) & (lines.new_change[last] == change)
-    behind = (place < dwells.block.size) & (first < following) & (lines.new_change[first] == change)
+    own = change[inside]
+    ahead, behind = np.zeros(block.size, dtype=bool), np.zeros(block.size, dtype=bool)
+    ahead[inside] = (place > 0) & (last > previous) & (lines.new_change[last] == own)
+    behind[inside] = (place < dwells.block.size) & (first < following) & (lines.new_change[first] == own)
     return ahead, behind
 
 
@@ -437,7 +440,8 @@ def stretch_keys(
 
     Rapids that only `approach` do not count.
     """
-    rapids = np.cumsum((kind == RAPID) if approach is None else (kind == RAPID) & ~approach)
+    rapids = np.zeros(kind.size + 1, dtype=np.int32)
+    np.cumsum((kind == RAPID) if approach is None else (kind == RAPID) & ~approach, out=rapids[1:])
     which = np.flatnonzero((change != NO_CHANGE) & (kind != RAPID) & ~without)
-    ranks = rapids[which] - np.append(0, rapids)[run_begins(change)[which]]
+    ranks = rapids[which + 1] - rapids[run_begins(change)[which]]
     return np.asarray(change[which].astype(np.int64) * RANK + ranks), which

@@ -246,17 +246,9 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
     beside = beside_longest(case.compensated)
     for name, amount in case.declared.offsets.items():
         axis, band = AXES.index(name), max(case.band, amount.metres)
-        chain = np.where((crossing[pairing.new_change, axis] & pairing.crossed) | beside, _ANEW, still)
-        # Beyond an approach an axis is on neither side, be it by as much as the offset that only its other side has.
-        sign = np.zeros(motions.kind.size, dtype=np.int8)
-        for one, offset in zip((-1, 1), declared_sides(case.declared)[axis], strict=True):
-            if offset != 0.0:
-                sign[np.abs(pairing.after[:, axis] - offset) <= EXACT] = one
-        ends = (motions.start[:, axis], motions.end[:, axis])
-        shift = (pairing.before(axis), pairing.after[:, axis])
-        places = np.ascontiguousarray(lines.points[:, axis])
-        back = unwritten(motions.kind.size)
-        _reverse_travel(sign, chain, ends, shift, swings_of(motions, axis), (places, first), _SPARE * band, back)
+        crossed = np.flatnonzero(pairing.crossed)
+        anew = crossed[crossing[pairing.new_change[crossed], axis]]
+        back = _ways_back(case, pairing, axis, (still, anew, beside), (lines.points, first), _SPARE * band)
         over = back > 0.0
         for motion in np.flatnonzero(over & ~np.append(False, over)[:-1]).tolist():
             case.findings.add(
@@ -267,6 +259,38 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
                 expected=f"<= {band / MM:.6g} mm",
                 got=f"{back[motion] / MM:.6g} mm",
             )
+
+
+def _ways_back(
+    case: VerifyCase,
+    pairing: Pairing,
+    axis: int,
+    chains: tuple[PlaceArray, IntArray, BoolArray],
+    curve: tuple[Array, PlaceArray],
+    most: float,
+) -> Array:
+    """Return the ways back [m] of an axis that are longer than `most` and that motions add to, (k,).
+
+    `chains` are the chain of each motion, the motions of the axis' crossings, and a mask of others behind which it is
+    followed anew; `curve` points along splines, and where those of each motion begin.
+    """
+    motions, (still, anew, beside) = case.compensated.motions, chains
+    chain = still.copy()
+    chain[anew] = chain[beside] = _ANEW
+    after = pairing.after[:, axis]
+    # Beyond an approach an axis is on neither side, be it by as much as the offset that only its other side has.
+    sign = np.zeros(motions.kind.size, dtype=np.int8)
+    for one, offset in zip((-1, 1), declared_sides(case.declared)[axis], strict=True):
+        if offset != 0.0:
+            apart = after - offset
+            sign[np.abs(apart, out=apart) <= EXACT] = one
+            del apart
+    ends = (motions.start[:, axis], motions.end[:, axis])
+    places = np.ascontiguousarray(curve[0][:, axis])
+    back = unwritten(motions.kind.size)
+    swings, shift = swings_of(motions, axis), (pairing.before(axis), after)
+    _reverse_travel(sign, chain, ends, shift, swings, (places, curve[1]), most, back)
+    return back
 
 
 def _beside_contours(program: PartProgram) -> BoolArray:
@@ -322,7 +346,7 @@ def _visit_turns(k: int, sign: int, shift: float, swings: Any, spot: Any) -> Non
 
 @compiled
 def _reverse_travel(
-    sign: SignArray, chain: IntArray, ends: Any, shift: Any, swings: Any, curve: Any, most: float, out: Array
+    sign: SignArray, chain: Any, ends: Any, shift: Any, swings: Any, curve: Any, most: float, out: Array
 ) -> None:
     """Find the longest ways back [m] under one offset that motions add to.
 

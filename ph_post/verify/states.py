@@ -200,6 +200,9 @@ _IN_CHANGE = ("motion", "absolute", "arc_absolute", "feed_mode", "path")
 INVERSE_TIME = 93
 
 
+_PART = 1 << 16
+"""Lines that are compared at a time."""
+
 _CONVERTED = 1e-12
 """Part by which an F may differ that is written in other units than its word was."""
 
@@ -216,27 +219,34 @@ def check_states(case: VerifyCase) -> None:
     )
     for place in _first_ones(unlike, new):
         _report_state(case, int(old[place]), int(new[place]))
-    expected = np.where(old < 0, np.nan, original.feeds.after(np.maximum(old, 0)))
-    got = compensated.feeds.after(new)
     timed = np.array([modal.feed_mode == INVERSE_TIME for modal in compensated.modal])
-    unlike = expected != got
-    rows = np.flatnonzero(unlike)
-    unlike[rows] = ~(
-        np.isclose(expected[rows], got[rows], rtol=_CONVERTED, atol=0.0)
-        | np.isnan(expected[rows])
-        | timed[compensated.state[new[rows]]]
-    )
+    for low in range(0, old.size, _PART):
+        part = slice(low, low + _PART)
+        expected, got = _feeds(case, old[part], new[part])
+        unlike[part] = ~(
+            (expected == got)
+            | np.isclose(expected, got, rtol=_CONVERTED, atol=0.0)
+            | np.isnan(expected)
+            | timed[compensated.state[new[part]]]
+        )
     for place in _first_ones(unlike, new):
+        before, after = _feeds(case, old[[place]], new[[place]])
         case.findings.add(
             "state",
             "the F in force after the block is another one",
             original=_line(int(old[place])),
             compensated=int(new[place]),
-            expected=f"F {expected[place]:g}",
-            got=f"F {got[place]:g}",
+            expected=f"F {before[0]:g}",
+            got=f"F {after[0]:g}",
         )
     case.findings.count("states", old.size)
     _check_changes(case)
+
+
+def _feeds(case: VerifyCase, old: PlaceArray, new: PlaceArray) -> tuple[Array, Array]:
+    """Return the F in force after lines of the original, NaN after none (-1), and of the compensated program."""
+    expected = np.where(old < 0, np.nan, case.original.feeds.after(np.maximum(old, 0)))
+    return expected, case.compensated.feeds.after(new)
 
 
 def _first_ones(mask: BoolArray, lines: PlaceArray) -> list[int]:
