@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ph_post.bounds import MANY_LINES
 from ph_post.gcode.program import line_feeds, narrowed
 from ph_post.gcode.read import read_program
 from ph_post.types import unwritten
@@ -72,3 +73,21 @@ def test_narrow_numbers_are_the_same_numbers(most):
     found = narrowed(numbers)
     assert found.tolist() == numbers.tolist()
     assert found.itemsize == (1 if most < 128 else 2 if most < 32768 else 4)
+
+
+def test_a_long_program_names_what_a_short_one_names():
+    # While it is read its words are without their places, by which what is passed through is named.
+    tail = "G1 X1 Y1\nG77.7 X2 Q3\nG1 X#5\nG2 X4 Y4\nM2\n"
+    short, long = (
+        read_program(f"G21 G90\nF100\n{'G1 X0 Y0' + chr(10)}".encode() + b"G1 X1\nG1 X0\n" * count + tail.encode(), "a")
+        for count in (1, MANY_LINES)
+    )
+    more = long.blocks - short.blocks
+    assert [(one.first - more, one.column, one.what) for one in long.notes] == [
+        (one.first, one.column, one.what) for one in short.notes
+    ]
+    assert long.notes
+    last = slice(-8, None)
+    for name in ("letter", "value", "decimals"):
+        np.testing.assert_array_equal(getattr(long.words, name)[last], getattr(short.words, name)[last])
+    assert long.words.end[-1] == len(long.data) - 1
