@@ -115,7 +115,7 @@ class CrossingSearch:
                         if part.high == 1.0 and part is not made.parts[-1]:
                             inside[part.motion] = part.added
                 else:
-                    there = self._at_rest(row)
+                    there = self._at_rest(row, int(spots.before[n]))
                     last = int(there[MOTION])
                     if ground.beam.marks(there, int(spots.before[n]), behind_rapid=ground.behind_rapid(there)):
                         marking.setdefault((last, float(there[SHARE])), []).append(n)
@@ -229,12 +229,17 @@ class CrossingSearch:
         # Where a beam burns what stands there is no stop in its place.
         return replace(made, behind=False)
 
-    def _at_rest(self, row: Array) -> Array:
-        """Return a change with a beam behind the motions to the same place: it may be switched off there."""
+    def _at_rest(self, row: Array, before: int) -> Array:
+        """Return a change with a beam behind the first of the motions to one place where it is off, or the last.
+
+        `before` is the sign before it.
+        """
         if not self.ground.beam.is_beam or row[SHARE] != 1.0 or self.ground.behind_rapid(row):
             return row
         found, still = row.copy(), self.ground.still
-        while found[MOTION] + 1 < still.size and still[int(found[MOTION]) + 1]:
+        while self.ground.beam.marks(found, before, behind_rapid=False):
+            if found[MOTION] + 1 >= still.size or not still[int(found[MOTION]) + 1]:
+                break
             found[MOTION] += 1
         return found
 

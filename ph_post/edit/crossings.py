@@ -54,6 +54,9 @@ SHORTEST_TIME: Final = 0.01
 FINEST: Final = 1e-3 * MM
 """None is shorter than this [m], however slow the path is."""
 
+STRAIGHT: Final = 0.3
+"""Part of :data:`ERROR` by which the joints of straight motions may leave the line on which they lie together."""
+
 LOOSER: Final = 1.3
 """A crossing may have so many times its error where that spares a block too short for the controller."""
 
@@ -344,14 +347,31 @@ class CrossingPlanner:
         )
 
     def _on_line(self, begin: float, finish: float, high: float, run: float) -> tuple[float, float]:
-        """Move a stretch of a rest on to the first straight motion with room for it; an empty one where none has."""
+        """Move a stretch of a rest on to the first straight motions with room for it; an empty one where none have."""
         k = self._motion_at(begin)
         while k < self._motions.kind.size and self._along[k] < high:
-            low, end = max(begin, float(self._along[k])), min(high, float(self._along[k + 1]))
-            if self._motions.kind[k] == LINE and end - low >= run - NOTHING:
+            low = max(begin, float(self._along[k]))
+            end = min(high, self._straight_until(k, low + max(run, finish - begin)))
+            if end - low >= run - NOTHING:
                 return low, min(low + (finish - begin), end)
             k += 1
         return 0.0, 0.0
+
+    def _straight_until(self, first: int, enough: float) -> float:
+        """Return where the straight motions from `first` on end that lie on one line, or a place beyond `enough`."""
+        motions, last = self._motions, first - 1
+        begin = np.nan_to_num(motions.start[first])
+        while last + 1 < motions.kind.size and motions.kind[last + 1] == LINE and self._along[last + 1] < enough:
+            ways = np.nan_to_num(motions.end[first : last + 2]) - begin
+            chord = ways[-1] / max(float(np.linalg.norm(ways[-1])), NOTHING)
+            ahead = ways @ chord
+            if (
+                np.abs(ways - ahead[:, None] * chord).max() > STRAIGHT * ERROR
+                or np.diff(ahead, prepend=0.0).min() < 0.0
+            ):
+                break
+            last += 1
+        return float(self._along[last + 1])
 
     def _around(self, spot: CrossingPlace, window: Array, steps: int, least: float) -> _Knots | None:
         """Cross while the path is near the turning point, slower where need be."""

@@ -203,6 +203,29 @@ def test_an_axis_that_turns_where_the_beam_is_switched_off_is_shifted_behind_tha
     assert re.search(r"M5 S0\n\(ph-post: [^)]*X-", changed)
 
 
+def test_axes_come_to_their_sides_before_the_beam_is_switched_on_at_the_same_place() -> None:
+    """Scripts write every line with its beginning, before M3 and behind it: the axes rest there in both."""
+    places, text = ["X16 Y24", "X53 Y40", "X59 Y17", "X34 Y16", "X19 Y22"], "G21 G90\n"
+    for place, following in itertools.pairwise(places):
+        text += f"G1 {place} F3000\nM3 S1000\nG1 {place} F3000\nG1 {following} F2000\nM5\n"
+    found = compensated(text + "M2\n", stepper())
+    changed = found.text.decode()
+    assert not [one for one in found.edits.warnings if "burn a dot" in one]
+    assert dwells_while_lit(changed) == []
+    assert error(text, changed)[1] < error(text, text)[1] / 20.0
+
+
+def test_an_edge_of_short_lines_is_an_edge() -> None:
+    """X crosses on the way along it, as on one line: none of its parts has room for that."""
+    edge = "".join(f"G1 X20 Y{0.1 * k:.1f}\n" for k in range(1, 41))
+    text = f"G21 G90\nG0 X0 Y0\nM3 S800\nG1 X20 Y0 F800\n{edge}G1 X0 Y8\nM5\nG0 X0 Y0\nM2\n"
+    found = compensated(text, stepper("laser"))
+    changed = found.text.decode()
+    assert not [one for one in found.edits.warnings if "burn a dot" in one]
+    assert "crossing X-" in changed
+    assert error(text, changed)[1] < error(text, text)[1] / 20.0
+
+
 @pytest.mark.parametrize("end", ["M5\n", "G1 S0\nM5\n"])
 def test_offsets_are_taken_back_with_the_beam_off(end: str) -> None:
     text = f"G21 G90\nM3 S0\nG0 X10 Y10\n{SQUARE}{end}M2\n"
