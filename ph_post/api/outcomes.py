@@ -20,6 +20,7 @@ from ph_post.expand.writing import EXPANDED
 from ph_post.files.check import counted
 from ph_post.files.storage import write_atomically
 from ph_post.files.table import table_content
+from ph_post.gcode.codes import may_rest
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Command, Machine
 
@@ -167,6 +168,10 @@ _WRITTEN_OUT: Final[Mapping[str, tuple[str, ...]]] = {
 _CUTTER: Final = "cutter compensation"
 
 
+_OWN_M: Final = re.compile(r"(?:(?:unknown M (?:word|function)|M word of a program of the machine's own): )?M0*(\d+)\Z")
+"""A note on an M word of which its machine's builder alone knows what it does; on Siemens's the word is all of it."""
+
+
 def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) -> tuple[str, ...]:
     """Describe the stretches of a program that are passed through: their number, the first, and what would help.
 
@@ -181,6 +186,11 @@ def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) 
         said.append("--expand writes it out as plain moves")
     if base in WRITTEN_AS_LINUXCNC and any(note.what.startswith(_CUTTER) for note in notes):
         said.append(f"{'' if expanded else '--expand '}--tool-table FILE works out cutter compensation")
+    own = sorted({int(found[1]) for note in notes if (found := _OWN_M.match(note.what))})
+    if own := [number for number in own if may_rest(number)]:
+        words, variant = " and ".join(f"M{number}" for number in own), "".join(f"+m{number}" for number in own)
+        moves = "moves" if len(own) == 1 else "move"
+        said.append(f'dialect = "{dialect}{variant}" in the machine file says that {words} {moves} nothing')
     return (f"{counted(len(notes), 'stretch', 'stretches')} passed through unchanged ({'; '.join(said)})",)
 
 

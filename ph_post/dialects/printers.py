@@ -37,12 +37,13 @@ _READ: Final = frozenset((b"G0", b"G1", b"G2", b"G3", b"G4", b"G20", b"G21", b"G
 _STOPS: Final = frozenset((b"M0", b"M1", b"M3", b"M4", b"M5", b"M7", b"M8", b"M9"))
 
 STILL: Final = frozenset(
-    b"M17 M20 M21 M27 M31 M42 M73 M75 M77 M82 M83 M104 M105 M106 M107 M108 M109 M110 M113 M114 M115 M117 M118"
-    b" M119 M140 M141 M150 M154 M155 M190 M191 M201 M203 M204 M205 M207 M208 M221 M280 M300 M301 M302 M304 M400"
-    b" M413 M425 M486 M500 M501 M503 M555 M569 M572 M592 M593 M900 M907".split()
+    b"M17 M20 M21 M27 M31 M42 M73 M75 M77 M82 M83 M101 M102 M103 M104 M105 M106 M107 M108 M109 M110 M113 M114 M115"
+    b" M117 M118 M119 M140 M141 M150 M154 M155 M190 M191 M201 M203 M204 M205 M207 M208 M221 M280 M300 M301 M302 M304"
+    b" M400 M413 M425 M486 M500 M501 M503 M555 M569 M572 M592 M593 M900 M907".split()
 )
 """Commands that neither move nor change where coordinates are or at which feed they are gone to:
-temperatures, fans, limits, messages, progress, the extruder's own settings, objects' names."""
+temperatures, fans, limits, messages, progress, the extruder's own settings, objects' names. M101 to M103 switch
+the motor of an old extruder, which ran at a speed of its own (RepRap wiki, "G-code"); others do not know them."""
 
 _TEXTS: Final = frozenset((b"M117", b"M118", b"M486"))
 """Those behind which text stands."""

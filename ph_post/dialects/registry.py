@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeGuard
 from msgspec.structs import replace
 
 from ph_post.errors import InputError
+from ph_post.gcode.codes import may_rest
 from ph_post.registry import Registry
 
 if TYPE_CHECKING:
@@ -48,6 +49,10 @@ SIGNATURES: Final = (
 """Plain data beside the names, so that reading a program loads no dialect but its own."""
 
 
+_RESTING: Final = re.compile(r"m0*(\d{1,4})", re.IGNORECASE)
+"""Variant of any dialect: an M word that moves nothing."""
+
+
 def dialect_names() -> tuple[str, ...]:
     """Names of all dialects, sorted.
 
@@ -76,7 +81,8 @@ def find_dialect(name: str, where: str = "dialect") -> Dialect:
     Parameters
     ----------
     name : str
-        Words behind plus signs are variants of the dialect: ``fanuc+nurbs``.
+        Words behind plus signs are variants of the dialect: ``fanuc+nurbs``. Every dialect has one for each M word to
+        which a machine's builder may give a meaning, by which it moves nothing: ``linuxcnc+m103``.
     where : str, optional
         The file and key, or the option, that has the name, for the error.
 
@@ -87,11 +93,19 @@ def find_dialect(name: str, where: str = "dialect") -> Dialect:
     """
     base, *words = name.split("+")
     dialect = _REGISTRY.find(base, where)
+    resting = [int(found[1]) for word in words if (found := _RESTING.fullmatch(word))]
     for word in words:
-        if word not in dialect.variants:
-            known = " or ".join(dialect.variants) or "none"
+        if word in dialect.variants:
+            dialect = dialect.variants[word](dialect)
+        elif not _RESTING.fullmatch(word):
+            known = " or ".join([*dialect.variants, "an M word that moves nothing, as m103"])
             raise InputError(where, f"the dialect {base} has no such variant", expected=known, got=repr(word))
-        dialect = dialect.variants[word](dialect)
+    for number in resting:
+        if not may_rest(number):
+            what = f"M{number} has a meaning of its own"
+            raise InputError(where, what, expected="an M word of the machine's builder", got=repr(name))
+    if resting:
+        dialect = replace(dialect, language=dialect.language.resting(frozenset(resting), name.lower()))
     return replace(dialect, name=name, options=dialect.options | {*words}) if words else dialect
 
 

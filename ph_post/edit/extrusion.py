@@ -91,7 +91,7 @@ def filament_of(program: PartProgram) -> Mapping[int, Filament]:
         if line > unknown:
             # What is not understood may have changed everything: in Klipper it is often a macro. Marlin's words change
             # no mode of E, but perhaps where it is.
-            if program.language.name == "marlin":
+            if program.language.name.startswith("marlin"):
                 mode.at = None
             else:
                 mode = _Mode()

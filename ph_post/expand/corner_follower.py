@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
 from typing import Generic, Protocol, TypeVar
@@ -46,12 +47,12 @@ class CornerFollower(ABC, Generic[Move]):
 
     Attributes
     ----------
-    notes : list of str
-        Corners that stay as they are, and why.
+    notes : dict of str to int
+        Corners that stay as they are, and why, with the first line of each kind, from 1.
     """
 
     def __init__(self) -> None:
-        self.notes: list[str] = []
+        self.notes: dict[str, int] = {}
         self._out: list[list[str]] = []
         """Lines written so far, those of one that was read in one row."""
         self._at: dict[str, float] = {}
@@ -87,13 +88,15 @@ class CornerFollower(ABC, Generic[Move]):
         if opened is None:
             return False
         try:
+            if math.isnan(opened.size):
+                raise NotExpandableError("a length without a decimal point, which the control's setting decides")
             if self._scaled:
                 raise NotExpandableError("whether its size is scaled too is not said")
             if opened.before.element is None or after.element is None:
                 raise NotExpandableError("one of its moves is no cut in the plane of X and Y from a known place")
             self._write(opened, after)
         except NotExpandableError as error:
-            self._stays(opened.words, error.what)
+            self._stays(opened.words, error.what, opened.row)
             return False
         return True
 
@@ -112,10 +115,12 @@ class CornerFollower(ABC, Generic[Move]):
     def _close(self, why: str) -> None:
         """Leave the corner that is open as it is."""
         if self._open is not None:
-            self._stays(self._open.words, why)
+            self._stays(self._open.words, why, self._open.row)
         self._open = None
 
-    def _stays(self, words: str, why: str) -> None:
-        said = f"{words} stays as it is: {why}"
-        if said not in self.notes:
-            self.notes.append(said)
+    def _stays(self, words: str, why: str, row: int) -> None:
+        self.notes.setdefault(f"{words} stays as it is: {why}", self._line_of(row) + 1)
+
+    def _line_of(self, row: int) -> int:
+        """Return the line, from 0, of a row of what is written."""
+        return row

@@ -256,7 +256,7 @@ def _linuxcnc(
 def _with_corners(found: _Lines, corners: IsoCorners | KlartextCorners, name: str) -> _Lines:
     """Write the corners of a program out; those that stay are named."""
     lines = corners.written()
-    notes = (f"{name}: {note}" for note in corners.notes)
+    notes = (f"{name}:{line}: {note}" for note, line in corners.notes.items())
     return _Lines(lines, found.changed or lines != found.lines, (*found.notes, *notes))
 
 

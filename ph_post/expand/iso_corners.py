@@ -72,8 +72,8 @@ class IsoCorners(CornerFollower[IsoMove]):
 
     Attributes
     ----------
-    notes : list of str
-        Corners that stay as they are, and why.
+    notes : dict of str to int
+        Corners that stay as they are, and why, with the first line of each kind, from 1.
     """
 
     def __init__(self, lines: Sequence[str], fanuc: FanucNumbers | None) -> None:
@@ -185,7 +185,7 @@ class IsoCorners(CornerFollower[IsoMove]):
         if kind:
             row = len(self._out) - 1
             self._open = OpenCorner(
-                words=_joined(kind, f"{given[kind]:g}"),
+                words=_joined(kind, next(number for name, number in move.words if name == kind)),
                 kind=_KINDS[kind],
                 size=given[kind],
                 own_feed=move.number("FRC"),

@@ -108,8 +108,8 @@ class KlartextCorners(CornerFollower[KlartextMove]):
 
     Attributes
     ----------
-    notes : list of str
-        Corners that stay as they are, and why.
+    notes : dict of str to int
+        Corners that stay as they are, and why, with the first line of each kind, from 1.
     """
 
     def __init__(self, lines: Sequence[str]) -> None:
@@ -118,6 +118,9 @@ class KlartextCorners(CornerFollower[KlartextMove]):
         self._pole: complex | None = None
         self._polar: tuple[float, float] | None = None
         self._last: tuple[int, KlartextMove] | None = None
+
+    def _line_of(self, row: int) -> int:
+        return self._blocks[row].first
 
     def written(self) -> list[str]:
         """Return the lines."""
@@ -137,7 +140,7 @@ class KlartextCorners(CornerFollower[KlartextMove]):
         if corner is not None:
             self._close("no move behind it")
             if self._last is None:
-                self._stays(corner[0], "the move before it is not known")
+                self._stays(corner[0], "the move before it is not known", index)
             else:
                 row, before = self._last
                 self._open = OpenCorner(

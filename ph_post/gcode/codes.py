@@ -219,6 +219,22 @@ M_EFFECT[
     [10, 11, 29, 31, 33, 34, 35, 41, 42, 43, 44, 59, 69, 83, 88, 89, 104, 105, 106, 107, 108, 109, 117, 140, 190]
 ] = STAYS
 M_EFFECT[[47, 96, 97, 198]] = CALLS
+_OWN: Final = frozenset((70, 71, 72, 73, 98, 99))
+"""M words beside those that keep the state and bring it back, and call subprograms and end them."""
+
+
+def may_rest(number: int) -> bool:
+    """Return whether an M word may be one that moves nothing, as it has no meaning of its own in RS274/NGC.
+
+    Examples
+    --------
+    >>> may_rest(103), may_rest(6), may_rest(98), may_rest(1000)
+    (True, False, False, False)
+    """
+    own = number < M_GROUP.size and M_GROUP[number] >= 0
+    return number < M_EFFECT.size and not own and number not in _OWN and M_EFFECT[number] != CALLS
+
+
 TAKES_AXES = (GROUP < 0) | (GROUP == 0) | (GROUP == 17)
 TAKES_AXES[[431, 432, 530]] = True, True, False
 """Words that take the axis words of their block for themselves, or may, as nobody knows them (by ten times their

@@ -140,6 +140,16 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         """How often the place of X, Y and Z is what their words say, shape (3,)."""
         return np.array([2 if self.diameters else 1, 1, 1], dtype=np.int64)
 
+    def resting(self, words: frozenset[int], name: str) -> Language:
+        """Return the language of the dialect `name` in which M words, by their numbers, move nothing."""
+        effects = {**self.effects, **dict.fromkeys(sorted(words), codes.STAYS)}
+        if self.hide is not None:
+            return replace(self, name=name, hide=partial(_without, self.hide, _commands(words)))
+        read: Any = self.read
+        if read is None:
+            return replace(self, name=name, effects=effects)
+        return replace(self, name=name if self.name else "", read=partial(read, resting=words))
+
     def contoured(self) -> Language:
         """Return the language in which contours with cutter compensation move as they say, and threads are motions."""
         read: Any = self.read
@@ -187,6 +197,18 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         seconds = value[rows] * units[letter[rows]]
         plain = np.isfinite(seconds)
         return rows[plain], seconds[plain]
+
+
+def _commands(words: frozenset[int]) -> re.Pattern[bytes]:
+    """Return the pattern of a line that has one of these M words and no other command."""
+    numbers = "|".join(map(str, sorted(words)))
+    line = rf"^[ \t]*(?:N\d+)?[ \t]*M0*(?:{numbers})(?![\d.])(?:(?![GMT][ \t]*\d)[^;\r\n])*(?=[;\r\n]|\Z)"
+    return re.compile(line.encode(), re.IGNORECASE | re.MULTILINE)
+
+
+def _without(hide: Callable[[bytes], bytes], commands: re.Pattern[bytes], data: bytes) -> bytes:
+    """Return a text as `hide` has it, with blanks in the place of the lines of some commands."""
+    return hide(commands.sub(lambda found: b" " * len(found[0]), data))
 
 
 RS274 = Language()

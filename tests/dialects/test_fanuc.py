@@ -391,3 +391,18 @@ def test_g80_leads_back_to_the_straight_motion_before_the_cycle() -> None:
     assert "something not understood" in lost.notes[-1].what
     switched = read("G0 Z5.\nG98 G81 X20. Z-5. R2. F100.\n/G80\nX9.\n")
     assert "something not understood" in switched.notes[-1].what
+
+
+def test_the_second_of_two_tools_is_the_one_that_comes_next() -> None:
+    """Mazak's EIA programs name both; the first one is in the spindle then, and the modes are what they were."""
+    program = read("G90 G0 X1. Y1.\nT01T02M06(DRILL)\nG1 X2. Y2. F100.\nX3.\n")
+    assert not program.notes
+    assert "not understood" not in [one.kind for one in program.breaks]
+    assert (program.modal[-1].tool, ends(program)[-1][:2]) == (1.0, [3.0, 2.0])
+
+
+def test_a_lathe_s_threads_end_in_a_chamfer_or_not_without_a_move() -> None:
+    body = "G50 S1000\nG96 S100\nG0 X20. Z1.\nM23\nG1 Z-5. F0.1\nM24\nX24.\n"
+    assert "not understood" not in [one.kind for one in read(body, lathe=True).breaks]
+    mill = read("G90 G0 X20. Z1.\nM23\nG1 Y5. F100.\n")
+    assert "not understood" in [one.kind for one in mill.breaks]

@@ -141,7 +141,8 @@ NAMED = {
         ("L X+9 FQ10", "feed by the tool, or computed: FQ10"),
         ("L X+9 FU0.1", "feed by the tool, or computed: FU0.1"),
         ("L X+9 M99", "call of a cycle: M99"),
-        ("L X+9 M128", "unknown M function: M128"),
+        ("L X+9 M81", "unknown M function: M81"),
+        ("L X+9 M128", "rotary axes about the tool's tip: M128"),
         ("CYCL DEF 220 PATTERN", "cycle: CYCL DEF 220 PATTERN"),
         ("CALL LBL 1", "call or jump: CALL LBL 1"),
         ("CALL PGM B", "missing program: CALL PGM B"),
@@ -199,6 +200,32 @@ def test_what_computes_is_named_and_moves_nothing(block: str, told: str) -> None
     program = klartext(f"L X+3 Y+4 F100\n{block}\nL IX+5")
     assert [note.what for note in program.notes] == [told]
     assert (program.motions.end[-1, :2] / MM).tolist() == [8.0, 4.0]
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("number", [94, 107, 108, 111, 116, 117, 126, 127, 129, 134, 135, 138, 141, 148, 149])
+def test_m_functions_of_the_manual_that_move_nothing(dialect: str, number: int) -> None:
+    both = {
+        "heidenhain": ("L X+0 Y+0 F100", f"L M{number}", "L X+10"),
+        "heidenhain-iso": ("G01 X+0 Y+0 F100", f"M{number}", "G01 X+10"),
+    }
+    program = read(dialect, both)
+    assert not program.notes
+    assert (program.motions.start[-1, :2] / MM).tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("on", "off"), [("L M128", "L M129"), ("FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS", "FUNCTION RESET TCPM")]
+)
+def test_where_rotary_axes_turn_about_the_tip_places_may_be_those_of_a_turned_table(on: str, off: str) -> None:
+    program = klartext(f"L X+3 Y+4 F100\n{on}\nL X+5\nL X+6 Y+7\n{off}\nL X+8 Y+9\nL X+9")
+    assert program.motions.block.tolist() == [1, 6, 7]
+    assert np.isnan(program.motions.start[1]).all()
+
+
+def test_a_feed_for_a_turn_is_none_for_a_minute() -> None:
+    program = klartext("L X+3 Y+4 F100\nL M136\nL X+5 F0.2\nL X+6 M137 F100\nL X+7")
+    assert np.isnan(program.motions.feed).tolist() == [False, True, False, False]
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)

@@ -7,10 +7,12 @@ import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ph_post.cli.main import main
 from ph_post.dialects import grbl, grblhal, linuxcnc, registry
+from ph_post.dialects.reading import read_as
 from ph_post.errors import InputError
 from ph_post.files.storage import PROGRAM_ENDINGS
 
@@ -53,10 +55,40 @@ def test_what_a_machine_has_besides_is_named_behind_plus_signs() -> None:
         registry.find_dialect("fanuc+nurb", "--dialect")
     assert str(error.value) == (
         "--dialect: the dialect fanuc has no such variant;"
-        " expected ai or calculator or inverse or isc or lathe or nurbs; got 'nurb'"
+        " expected ai or calculator or inverse or isc or lathe or nurbs or an M word that moves nothing, as m103;"
+        " got 'nurb'"
     )
-    with pytest.raises(InputError, match="grbl has no such variant; expected none; got 'nurbs'"):
+    with pytest.raises(InputError, match="grbl has no such variant; expected an M word that moves nothing, as m103;"):
         registry.find_dialect("grbl+nurbs")
+
+
+BODIES = {
+    "heidenhain": ("0 BEGIN PGM A MM", "1 L X+1 Y+1 F100", "2 M581", "3 L X+2", "4 END PGM A MM"),
+    "heidenhain-iso": ("%A G71 *", "G01 X+1 Y+1 F100 *", "M581 *", "G01 X+2 *", "N99999999 %A G71 *"),
+    "siemens": ("G90", "G1 X1 Y1 F100", "M581", "G1 X2", "M30"),
+}
+"""A move to (1, 1), an M word that is no controller's, and a move of X to 2."""
+
+COMMON = ("G90", "G1 X1. Y1. F100.", "M581", "G1 X2.")
+
+
+@pytest.mark.parametrize("name", sorted(registry.BUILT_IN))
+def test_an_m_word_that_moves_nothing_is_named_behind_a_plus_sign(name: str) -> None:
+    text = "\n".join([*BODIES.get(name, COMMON), ""]).encode()
+    plain, told = (read_as(dialect, text, "a") for dialect in (name, f"{name}+m581"))
+    assert [one.kind for one in plain.breaks].count("not understood") == 1
+    assert np.isnan(plain.motions.start[-1, :2]).all()
+    assert [one.kind for one in told.breaks] == ["beginning", "end"]
+    assert told.motions.start[-1, :2].tolist() == [1e-3, 1e-3]
+    # Another word of its kind is not meant, nor a line with another command.
+    for other in (text.replace(b"M581", b"M58"), text.replace(b"M581", b"M581 M582")):
+        assert "not understood" in [one.kind for one in read_as(f"{name}+m581", other, "a").breaks]
+
+
+@pytest.mark.parametrize("word", ["m6", "m3", "m30", "m98", "m99", "m1581"])
+def test_an_m_word_with_a_meaning_of_its_own_cannot_move_nothing(word: str) -> None:
+    with pytest.raises(InputError, match=f"M{word[1:]} has a meaning of its own"):
+        registry.find_dialect(f"fanuc+{word}", "--dialect")
 
 
 def test_others_register_by_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,10 +7,15 @@ from support.corpus import compensated, stepper
 from support.corpus_judge import Judged, compare
 from support.reference_player import BEGINS, interpret
 
+from ph_post.api.compensation import compensated as outcome
+from ph_post.api.options import CompensateOptions
+from ph_post.api.outcomes import passed_through
 from ph_post.dialects.reading import read_as
 from ph_post.dialects.registry import find_dialect
 from ph_post.edit.undo import undo
+from ph_post.files.storage import SourceBytes
 from ph_post.gcode.read import read_program
+from ph_post.progress import no_progress
 from ph_post.types import Servo
 from ph_post.verify.verify import verify
 
@@ -172,3 +177,25 @@ def test_what_is_cut_under_switched_kinematics_is_left_alone(word):
     begin, (_, end) = before.index(word.encode()), after.split(word.encode())
     assert end.startswith(before[begin + 4 :])  # behind it what --undo needs
     hold_as("linuxcnc", before, after)
+
+
+@pytest.mark.parametrize(
+    ("dialect", "word"), [("linuxcnc", "M103"), ("grbl", "M81"), ("fanuc", "M81"), ("siemens", "M81")]
+)
+def test_an_offset_lasts_over_an_m_word_of_which_the_machine_file_says_that_it_moves_nothing(dialect, word):
+    """In the midst of a contour that would have to be left for it; what is written says so to whoever checks it."""
+    units, end = ("G71", "M30") if dialect == "siemens" else ("G21", "M30")
+    cut = f"G1 X30. Y10.\n{word}\nX10. Y20.\nX0. Y5.\nX0. Y0.\n"
+    before = f"{units} G90 G17 G94\nG0 X0. Y0. Z5.\nG1 Z-1. F600.\n{cut}G0 Z5.\n{end}\n".encode()
+    told = f"{dialect}+{word.lower()}"
+    source = SourceBytes(name="a", stem="a", data=before)
+    (said,) = passed_through(read_as(dialect, before, "a"), dialect)
+    assert f'dialect = "{told}" in the machine file says that {word} moves nothing' in said
+    found = outcome(source, stepper(told), CompensateOptions(), "program", no_progress)
+    after = found.program()
+    before_it = after[: after.index(f"\n{word}\n".encode())].upper()
+    assert b"X TO 0" not in before_it
+    assert b"Y TO 0" not in before_it
+    assert undo(after, "a") == before
+    read = [read_as(told, data, "a") for data in (before, after)]
+    assert verify(*read, tolerance=5e-6, machine=stepper(told)).failures == ()

@@ -186,6 +186,16 @@ def test_what_is_not_certain_stays_and_is_named(dialect: str, body: str, why: st
     assert why in notes[-1]
 
 
+def test_a_corner_of_a_size_that_is_not_known_is_named_with_its_line() -> None:
+    """Whether 15 is 15 mm or 15 µm is a setting of the control."""
+    data = (HEADS["fanuc"] + "G1 X20. ,R 15\nY20.\n" + ENDS["fanuc"]).encode()
+    (note,) = expand(data, "a", language=FanucNumbers(doubtful=True)).notes
+    line = HEADS["fanuc"].count("\n") + 1
+    assert (
+        note == f"a:{line}: ,R15 stays as it is: a length without a decimal point, which the control's setting decides"
+    )
+
+
 @pytest.mark.parametrize(
     ("dialect", "scale", "body"),
     [

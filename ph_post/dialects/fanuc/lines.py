@@ -142,7 +142,7 @@ class Editor:
         self._switched()
         self._frame_words()
         self._modes()
-        if self._turned:
+        if self._turned or sum(letter == b"T" for letter, _, _, _ in self._words) > 1:
             self._turret()
         if self._by_words:
             self._turning_words()
@@ -203,10 +203,15 @@ class Editor:
                     self._note(name, start, end)
 
     def _turret(self) -> None:
-        """Let T, which turns the turret and takes up another offset, be a change of the tool."""
+        """Let T, which turns the turret of a lathe and takes up another offset, be a change of the tool.
+
+        On mills the first of two is the tool that M6 brings, and the second the one to be ready next (Mazatrol Matrix,
+        Programming Manual EIA/ISO, "Tool functions").
+        """
         tools = [(start, end) for letter, _, start, end in self._words if letter == b"T"]
         for number, (start, end) in enumerate(tools):
-            self._put(start, end, b"M6" if number == 0 else b"")
+            if self._turned or number:
+                self._put(start, end, b"M6" if number == 0 else b"")
 
     def _turning_words(self) -> None:
         """Put the feeds, the cycles and the zero of a lathe in words that say so.

@@ -37,7 +37,7 @@ from ph_post.dialects.reading import (
 )
 from ph_post.expand.macro import COUNTED, SMALL, is_doubtful
 from ph_post.expand.turning import TURNED_NOTE, has_feeds_per_turn, has_increments_by_words, is_turned, shapes_of
-from ph_post.gcode.codes import ABSOLUTE, EXPRESSION, FEED_MODE, PLANE, QUIET, UNITS
+from ph_post.gcode.codes import ABSOLUTE, EXPRESSION, FEED_MODE, PLANE, QUIET, STAYS, UNITS
 from ph_post.gcode.language import Language
 from ph_post.gcode.numbers import masked
 from ph_post.gcode.program import AXES, NURBS, Note, NurbsData, PartProgram, PlaceArray, WordSource, WordTable
@@ -201,7 +201,7 @@ def with_nurbs(program: PartProgram, nurbs: Sequence[NurbsBlocks]) -> PartProgra
 
 _ODD: Final = re.compile(
     rb"G0*[45789](?!\d)|G\d+\.\d|G10(?!\d)|G2[2356](?!\d)|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<"
-    rb"|#[^\n\r]*/|[\d. \t]/|G9[01](?!\d)[^\n\r]*G9[01](?!\d)|" + MACRO,
+    rb"|#[^\n\r]*/|[\d. \t]/|G9[01](?!\d)[^\n\r]*G9[01](?!\d)|T[ \t]*\d[^\n\r]*T[ \t]*\d|" + MACRO,
     re.MULTILINE,
 )
 """What a line has that RS274 reads otherwise or not at all, or may have."""
@@ -221,6 +221,11 @@ _LENGTHS: Final = np.isin(np.arange(256), [ord(letter) for letter in "XYZIJKRUVW
 UNMEASURED: Final = "subprogram without G90 or G91: what its places mean is set by the program that calls it"
 FURTHER: Final = "ABC"
 """Axes of their own; U, V and W may be increments of X, Y and Z."""
+
+
+_ON_LATHES: Final = frozenset((23, 24))
+"""M words of lathes that move nothing: threads end in a chamfer from M23 to M24 (Haas, Machinist's CNC Reference Guide,
+"Haas Lathe M-Codes": thread chamfer on, off)."""
 
 
 def in_increments(words: WordTable, data: bytes, *, decimals: int) -> WordTable:
@@ -292,6 +297,7 @@ def read_fanuc(
     decimals: int = 3,
     contours: bool = False,
     lathe: bool = False,
+    resting: frozenset[int] = frozenset(),
 ) -> PartProgram:
     """Read a Fanuc program.
 
@@ -309,6 +315,8 @@ def read_fanuc(
         See :meth:`ph_post.gcode.language.Language.contoured`.
     lathe : bool
         Whether it is the program of a lathe, also where no word of it says so.
+    resting : frozenset of int
+        M words of the machine that move nothing.
 
     Raises
     ------
@@ -335,6 +343,7 @@ def read_fanuc(
         head=(TURNED_NOTE,) if lathe else (),
         fixed=_begun_modes(bare, lathe=lathe, by_words=by_words),
         lost=_left_modes(bare),
+        effects=dict.fromkeys(sorted(resting | (_ON_LATHES if lathe else frozenset())), STAYS),
     )
     found = read_translated(data, lines, name, text.lines, text.remarks, in_place=True, language=language)
     found = _in_seconds(with_nurbs(found, text.nurbs), text.dwells)

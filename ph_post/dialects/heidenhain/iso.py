@@ -56,8 +56,12 @@ _LANGUAGE: Final = TncLanguage(
 )
 
 
-def read_tnc_iso(data: bytes, name: str, *, contours: bool = False) -> PartProgram:
+def read_tnc_iso(
+    data: bytes, name: str, *, contours: bool = False, resting: frozenset[int] = frozenset()
+) -> PartProgram:
     """Read a program in Heidenhain's ISO language; `contours` as of `Language.contoured`.
+
+    `resting` are M functions of the machine that move nothing.
 
     Raises
     ------
@@ -66,7 +70,7 @@ def read_tnc_iso(data: bytes, name: str, *, contours: bool = False) -> PartProgr
     """
     source = TncSource(data, name, _LANGUAGE)
     first, head = source.head()
-    follower = _IsoFollower(Tnc("G21" if head[2] == "71" else "G20", _ANY))
+    follower = _IsoFollower(Tnc("G21" if head[2] == "71" else "G20", _ANY, resting))
     for number, text in enumerate(source.texts):
         follower.line(text, begins=number == first)
     return source.program(follower.tnc, contours=contours)

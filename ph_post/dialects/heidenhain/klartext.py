@@ -46,6 +46,8 @@ _CALLED: Final = frozenset((*range(1, 7), 17, 18, *range(200, 210), 240, 241, *r
 _OTHERS: Final = re.compile(r"CTP|CT|LP|LCT|LN|FPOL|FLT|FL|FCT|FC|APPR|DEP|SPL")
 _TANGENTIAL: Final = re.compile(r"CTP?$|FCT$|FLT$|DEP$")
 _INCLINED: Final = "PLANE"
+_TIP: Final = re.compile(r"FUNCTION\s+(RESET\s+)?TCPM\b")
+"""Rotary axes about the tool's tip, as M128 has them (TNC 640, User's Manual, Conversational, 12, "FUNCTION TCPM")."""
 
 
 def _plain(line: str) -> str:
@@ -74,8 +76,12 @@ _MOVES: Final = re.compile(r"L\s+I?[XYZ]")
 """A move: text with one is conversational, if perhaps a part of a program that says elsewhere whether it is in mm."""
 
 
-def read_klartext(data: bytes, name: str, *, contours: bool = False) -> PartProgram:
+def read_klartext(
+    data: bytes, name: str, *, contours: bool = False, resting: frozenset[int] = frozenset()
+) -> PartProgram:
     """Read a conversational program; `contours` as of :meth:`~ph_post.gcode.language.Language.contoured`.
+
+    `resting` are M functions of the machine that move nothing.
 
     Raises
     ------
@@ -88,7 +94,7 @@ def read_klartext(data: bytes, name: str, *, contours: bool = False) -> PartProg
     else:
         begin, head = source.head()
         units = head[2]
-    follower = _KlartextFollower(Tnc("G21" if units == "MM" else "G20"))
+    follower = _KlartextFollower(Tnc("G21" if units == "MM" else "G20", resting=resting))
     for text in source.texts[:begin]:
         if text:
             follower.tnc.lose("outside BEGIN PGM and END PGM", "")
@@ -160,6 +166,8 @@ class _KlartextFollower:
             self.tnc.corner(source)
         if word == _INCLINED:
             return self.tnc.turned("PLANE", "RESET" not in source)
+        if tip := _TIP.match(source):
+            return self.tnc.turned("TCPM", tip[1] is None)
         if word == "STOP" or re.fullmatch(r"(?:M\s*\d+\s*)+", source):
             functions = [int(number) for number in _FUNCTION.findall(source)]
             text = self.tnc.straight({}, rapid=False, feed="", functions=functions)

@@ -36,6 +36,17 @@ _FUNCTIONS: Final[Mapping[int, str]] = {
     19: "M19",
     30: "M30",
 }
+_RESTING: Final = frozenset((94, 107, 108, 111, 116, 117, 126, 127, 134, 135, 138, 141, 148, 149))
+"""M functions that move nothing, and change neither where X, Y and Z go nor F along their way (iTNC 530, User's Manual,
+Conversational, 7 and 11, "Miscellaneous Functions"; TNC 640, 11): the display of rotary axes (M94), their feed (M116,
+M117), their way round (M126, M127) and which of them swivel (M138), spare tools that are too large (M107, M108), F at
+the tool's centre again (M111), stops where rotary axes turn (M134, M135), the touch probe (M141), and what happens at
+a stop (M148, M149)."""
+
+_TIP: Final = 128
+"""Rotary axes turn about the tool's tip up to M129: X, Y and Z may be those of a table that has turned."""
+_FEEDS_A_TURN: Final[Mapping[int, str]] = {136: "G95", 137: "G94"}
+
 _WHOLE: Final = 1e-9
 """Angles [rad] that differ from whole turns by less are whole turns."""
 
@@ -94,6 +105,8 @@ class Tnc:
         G20 or G21.
     polar : pattern
         What may use the pole, of what is passed through.
+    resting : frozenset of int
+        M functions of the machine that move nothing.
 
     Attributes
     ----------
@@ -113,8 +126,10 @@ class Tnc:
         G40, or G41 or G42 where the cutter is beside the contour.
     """
 
-    def __init__(self, units: str, polar: re.Pattern[str] = KLARTEXT_POLAR) -> None:
-        self._polar = polar
+    def __init__(
+        self, units: str, polar: re.Pattern[str] = KLARTEXT_POLAR, resting: frozenset[int] = frozenset()
+    ) -> None:
+        self._polar, self._resting = polar, _RESTING | resting
         self.texts: list[str] = []
         self.remarks: dict[int, Remark] = {}
         self.tool_axis = "Z"
@@ -138,6 +153,7 @@ class Tnc:
         self.users: dict[int, int] = {}
         self._states: list[str] = []
         self.side = "G40"
+        self._frame = ""
 
     def line(self, source: str, follow: Callable[[], str]) -> None:
         """Follow a line; what is not understood gets a note, and the position is forgotten."""
@@ -155,7 +171,8 @@ class Tnc:
             number = None if feed is None else number_of(feed[1]) or self.parameters.get(feed[1])
             if number is not None and feed is not None and number_of(feed[1]) is None:
                 self.feeds[len(self.texts)] = number
-            text = joined("" if number is None else f"F{number}", FORGOTTEN)
+            text = joined("" if number is None else f"F{number}", self._frame, FORGOTTEN)
+        self._frame = ""
         self.add(text)
 
     def add(self, text: str) -> None:
@@ -290,7 +307,12 @@ class Tnc:
             if number in _CALLS:
                 self._called = False
                 raise NotFollowed("call of a cycle", f"M{number}")
-            if number not in _FUNCTIONS and number not in _MACHINE:
+            if number == _TIP or (number == _TIP + 1 and f"M{_TIP}" in self._turned):
+                self._frame = self.turned(f"M{_TIP}", number == _TIP)
+                raise NotFollowed("rotary axes about the tool's tip", f"M{number}")
+            if number in _FEEDS_A_TURN:
+                self._feeds = _FEEDS_A_TURN[number] if self._units == "G21" else "G95"
+            elif number not in (*_FUNCTIONS, *_MACHINE, *self._resting, _TIP + 1):
                 raise NotFollowed("unknown M function", f"M{number}")
         return [_FUNCTIONS[number] for number in functions if number in _FUNCTIONS]
 

@@ -38,7 +38,9 @@ _FEED_MODES: Final = re.compile(rb"G9(?:[3-7]|6[12]|7[13])(?!\d)")
 _STRING: Final = re.compile(r'"[^"]*"')
 
 
-def read_siemens(data: bytes, name: str, *, contours: bool = False) -> PartProgram:
+def read_siemens(
+    data: bytes, name: str, *, contours: bool = False, resting: frozenset[int] = frozenset()
+) -> PartProgram:
     r"""Read a program in Siemens language.
 
     Parameters
@@ -47,6 +49,8 @@ def read_siemens(data: bytes, name: str, *, contours: bool = False) -> PartProgr
         As for :func:`ph_post.gcode.read.read_program`.
     contours : bool
         See :meth:`ph_post.gcode.language.Language.contoured`.
+    resting : frozenset of int
+        M words of the machine that move nothing.
 
     X is in diameters where DIAMON says so before the first one, but not where the centre of an arc is a place.
 
@@ -72,7 +76,9 @@ def read_siemens(data: bytes, name: str, *, contours: bool = False) -> PartProgr
     hidden = {"DIAMON": tables.UNREAD_MEASURE} if _PLACED.search(text) else {}
     forced: dict[int, str] = {}
     while True:
-        translator = Translator(computes=not stretches, forced=forced, diameters={**tables.DIAMETERS, **hidden})
+        translator = Translator(
+            computes=not stretches, forced=forced, diameters={**tables.DIAMETERS, **hidden}, resting=resting
+        )
         texts = _translated(whole, lines, stretches, translator)
         table, remarks = translator.rows.table(), translator.extras.remarks
         if measured is not None:

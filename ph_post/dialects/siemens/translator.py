@@ -82,7 +82,7 @@ class Translator:
     behind it. `rows` are the words of all lines, `motions` the motion word in force behind each where RS274 has
     another; `moves` are lines that move, and `tangents` those of them from which a tangential one goes on, so that
     nothing may be put between. `diameters` are what the words of diameters are in RS274. With `computes` parameters are
-    worked out, which holds where lines run in their order.
+    worked out, which holds where lines run in their order. `resting` are M words of the machine that move nothing.
     """
 
     def __init__(
@@ -91,6 +91,7 @@ class Translator:
         computes: bool = True,
         forced: Mapping[int, str] = {},
         diameters: Mapping[str, str] = tables.DIAMETERS,
+        resting: frozenset[int] = frozenset(),
     ) -> None:
         self.extras = Extras(polynomials={}, circles={}, profiles={}, remarks={})
         self.modes = SiemensModes()
@@ -98,7 +99,7 @@ class Translator:
         self.motions: dict[int, str] = {}
         self.moves: list[int] = []
         self.tangents: set[int] = set()
-        self.diameters = diameters
+        self.diameters, self.resting = diameters, tables.QUIET_M | resting
         self._computes, self._forced = computes, forced
 
     def translate(self, number: int, text: str, base: int) -> str:
@@ -335,7 +336,7 @@ class _Line:
             self.parts.append(f"M{code:g}")
             if code == _TOOL_CHANGE:
                 self.modes.at.clear()
-        elif code not in tables.QUIET_M:
+        elif code not in self.of.resting:
             self._refuse(word)
 
     def _keyword(self, word: Word) -> None:
