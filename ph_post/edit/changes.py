@@ -129,8 +129,12 @@ class ChangeWriter:
             if not task.whole or 0.0 in task.stops:
                 yield from self._move_to(block)
             offset = self._before(task, block)
+            late = task.stops[1.0].behind if 1.0 in task.stops else None
             if not task.whole:
                 self._replaced(task, block, offset)
+                if late is not None:
+                    yield from self._move_to(late + 1)
+                    self._behind(task, late, offset)
             elif 1.0 in task.stops and task.stops[1.0].approach:
                 # The rapid that ends beyond stands in the change with the move that follows it.
                 yield from self._move_to(block)
@@ -140,9 +144,9 @@ class ChangeWriter:
                 yield from self._move_to(block, apart=True)
                 self._replaced(task, block, offset)
             elif 1.0 in task.stops:
-                last = block if task.stops[1.0].behind is None else task.stops[1.0].behind
+                last = block if late is None else late
                 yield from self._move_to(last + 1)
-                self._behind(task, last)
+                self._behind(task, last, self._carried.word[task.motion].astype(np.int64))
         yield from self._move_to(self._program.blocks + 1)
 
     def _take_in(self, block: int) -> None:
@@ -213,10 +217,9 @@ class ChangeWriter:
             lines.append(modal.motion)
             self._mode = modal.motion
 
-    def _behind(self, task: MotionEdit, block: int) -> None:
-        """Write the stop at the end of a motion behind its line, which stays."""
+    def _behind(self, task: MotionEdit, block: int, offset: IntArray) -> None:
+        """Write the stop at the end of a motion, up to which the offset lasts, behind its line or another."""
         self._open(block + 1, 0, block)
-        offset = self._carried.word[task.motion].astype(np.int64)
         self._stop(task.stops[1.0], self._wording(task.motion, block, offset), 1.0, offset)
 
     def _before(self, task: MotionEdit, block: int) -> IntArray:
@@ -237,7 +240,8 @@ class ChangeWriter:
         why = why_kept_whole(self._program, task.motion)
         if why and not task.whole:
             raise InputError(f"{self._program.name}:{block + 1}", f"this line {why}")
-        stops = {share: stop for share, stop in task.stops.items() if share > 0.0}
+        here = task.whole or 1.0 not in task.stops or task.stops[1.0].behind is None
+        stops = {share: stop for share, stop in task.stops.items() if 0.0 < share < 1.0 or (share == 1.0 and here)}
         self._divided(task, stops, block, offset)
 
     def _open(self, block: int, removed: int, before: int) -> None:

@@ -126,9 +126,6 @@ class CrossingSearch:
             lasting.append((last, column, float(after[column])))
             current = after
         burnt += self._burnt(spots, marking, stops)
-        # Where its motion is divided a stop is written in the change with it, before the line that switches off.
-        divided = {part.motion for one in crossings for part in one.parts}
-        burnt += [one.motion for one in stops if one.behind is not None and one.motion in divided]
         offset = _lasting_offsets(lasting, ground.program.motions.kind.size)
         for motion, added in inside.items():
             offset[motion] = added

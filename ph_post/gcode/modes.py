@@ -292,7 +292,7 @@ def _apply_words(words: Any, low: int, high: int, state: Any, before: Any, room:
         fault, word = TWICE, twice
     if not fault and (present >> LETTER_F) & 1 and values[LETTER_F] < 0.0:
         fault, word = NEGATIVE_FEED, where[LETTER_F]
-    if given[17] >= 0 and state[FRAME] == before[FRAME] and present & AXES:
+    if given[17] >= 0 and given[0] < 0 and state[FRAME] == before[FRAME] and present & AXES:
         odd = UNKNOWN_G  # G50 X Z is no end of a scaling
     speed = state[SPEED]
     _apply_numbers(values, present, given, before[UNITS], before[FEED_MODE], state)

@@ -406,3 +406,15 @@ def test_a_lathe_s_threads_end_in_a_chamfer_or_not_without_a_move() -> None:
     assert "not understood" not in [one.kind for one in read(body, lathe=True).breaks]
     mill = read("G90 G0 X20. Z1.\nM23\nG1 Y5. F100.\n")
     assert "not understood" in [one.kind for one in mill.breaks]
+
+
+def test_a_turret_turns_once_where_m6_stands_beside_its_t() -> None:
+    program = read("T0707 M06\nG0 X20. Z1.\nG1 Z-5. F0.1\n", lathe=True)
+    assert [one.kind for one in program.breaks] == ["beginning", "frame", "tool change", "end"]
+    assert not [note for note in program.notes if "two words" in note.what]
+
+
+def test_the_end_of_polar_coordinates_is_no_axis_word_s() -> None:
+    """G15 stands beside G52, whose words they are; beside a move X is a place as before."""
+    program = read("G15 G52 X0. Y0.\nG0 X20. Y1.\n")
+    assert not [note for note in program.notes if "G15" in note.what]

@@ -203,7 +203,7 @@ def test_what_computes_is_named_and_moves_nothing(block: str, told: str) -> None
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-@pytest.mark.parametrize("number", [94, 107, 108, 111, 116, 117, 126, 127, 129, 134, 135, 138, 141, 148, 149])
+@pytest.mark.parametrize("number", [90, 94, 107, 108, 111, 116, 117, 126, 127, 129, 134, 135, 138, 141, 148, 149])
 def test_m_functions_of_the_manual_that_move_nothing(dialect: str, number: int) -> None:
     both = {
         "heidenhain": ("L X+0 Y+0 F100", f"L M{number}", "L X+10"),

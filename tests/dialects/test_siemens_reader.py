@@ -205,6 +205,13 @@ def test_what_is_passed_through_is_named_and_ends_the_motion(line: str, note: st
     assert np.isnan(program.motions.start[behind]).all()
 
 
+@pytest.mark.parametrize("line", ["CUT2D", "LIMS=2500"])
+def test_settings_of_cutter_and_spindle_move_nothing(line: str) -> None:
+    program = _read(f"DIAMOF\n{BEGIN}X10\n{line}\nX20\nM30\n")
+    assert not program.notes
+    assert program.motions.start[-1, 0] == pytest.approx(0.01)
+
+
 def test_what_is_conditional_is_passed_through() -> None:
     program = _read(BEGIN + "X10\nIF R1>5\nX20\nELSE\nX30\nENDIF\nX40\nM30\n")
     note = program.notes[0]

@@ -215,6 +215,22 @@ def test_axes_come_to_their_sides_before_the_beam_is_switched_on_at_the_same_pla
     assert error(text, changed)[1] < error(text, text)[1] / 20.0
 
 
+def test_a_last_arc_is_divided_and_its_axis_comes_back_with_the_beam_off() -> None:
+    """Crossed within the motion behind which the beam is switched off, and shifted again behind that."""
+    arcs = "M3 S800\nG4 P0.1\nF600\nG2 X{1} Y{0} I10 J0\nG2 X{0} Y{0} I-10 J0\nG4 P0\nM5 S0\nG1 F3000\n"
+    text = (
+        "G21 G90\nF3000\n"
+        + "".join(f"G1 X{at} Y{at}\n{arcs.format(at, at + 20)}" for at in (10, 34))
+        + "G1 X0 Y0\nM2\n"
+    )
+    found = compensated(text, stepper("laser"))
+    changed = found.text.decode()
+    assert not [one for one in found.edits.warnings if "burn a dot" in one]
+    assert len(dwells_while_lit(changed)) == len(dwells_while_lit(text))
+    assert re.search(r"crossing [XY][+-]\)\nG2 [^M]*G4 P0\nM5 S0\n\(ph-post: [^)]*[XY][+-]", changed)
+    assert error(text, changed)[1] < error(text, text)[1] / 5.0
+
+
 def test_an_edge_of_short_lines_is_an_edge() -> None:
     """X crosses on the way along it, as on one line: none of its parts has room for that."""
     edge = "".join(f"G1 X20 Y{0.1 * k:.1f}\n" for k in range(1, 41))

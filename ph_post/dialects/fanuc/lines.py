@@ -211,7 +211,7 @@ class Editor:
         tools = [(start, end) for letter, _, start, end in self._words if letter == b"T"]
         for number, (start, end) in enumerate(tools):
             if self._turned or number:
-                self._put(start, end, b"M6" if number == 0 else b"")
+                self._put(start, end, b"M6" if number == 0 and not self._has(b"M", 6.0) else b"")
 
     def _turning_words(self) -> None:
         """Put the feeds, the cycles and the zero of a lathe in words that say so.

@@ -36,9 +36,10 @@ _FUNCTIONS: Final[Mapping[int, str]] = {
     19: "M19",
     30: "M30",
 }
-_RESTING: Final = frozenset((94, 107, 108, 111, 116, 117, 126, 127, 134, 135, 138, 141, 148, 149))
+_RESTING: Final = frozenset((90, 94, 107, 108, 111, 116, 117, 126, 127, 134, 135, 138, 141, 148, 149))
 """M functions that move nothing, and change neither where X, Y and Z go nor F along their way (iTNC 530, User's Manual,
-Conversational, 7 and 11, "Miscellaneous Functions"; TNC 640, 11): the display of rotary axes (M94), their feed (M116,
+Conversational, 7 and 11, "Miscellaneous Functions"; TNC 640, 11): the speed in corners (M90), the display of rotary
+axes (M94), their feed (M116,
 M117), their way round (M126, M127) and which of them swivel (M138), spare tools that are too large (M107, M108), F at
 the tool's centre again (M111), stops where rotary axes turn (M134, M135), the touch probe (M141), and what happens at
 a stop (M148, M149)."""
