@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeGuard
 
 from msgspec.structs import replace
 
 from ph_post.errors import InputError
-from ph_post.gcode.codes import may_rest
 from ph_post.registry import Registry
 
 if TYPE_CHECKING:
     from ph_post.dialects.base import Dialect
+    from ph_post.gcode.language import Language
 
 
 GROUP = "ph_post.dialects"
@@ -100,13 +100,20 @@ def find_dialect(name: str, where: str = "dialect") -> Dialect:
         elif not _RESTING.fullmatch(word):
             known = " or ".join([*dialect.variants, "an M word that moves nothing, as m103"])
             raise InputError(where, f"the dialect {base} has no such variant", expected=known, got=repr(word))
-    for number in resting:
+    if resting:
+        dialect = replace(dialect, language=_resting(dialect, resting, name, where))
+    return replace(dialect, name=name, options=dialect.options | {*words}) if words else dialect
+
+
+def _resting(dialect: Dialect, numbers: Sequence[int], name: str, where: str) -> Language:
+    """Return the language of a dialect of that name in which M words move nothing."""
+    from ph_post.gcode.codes import may_rest  # loads numpy, slow: names are completed without it
+
+    for number in numbers:
         if not may_rest(number):
             what = f"M{number} has a meaning of its own"
             raise InputError(where, what, expected="an M word of the machine's builder", got=repr(name))
-    if resting:
-        dialect = replace(dialect, language=dialect.language.resting(frozenset(resting), name.lower()))
-    return replace(dialect, name=name, options=dialect.options | {*words}) if words else dialect
+    return dialect.language.resting(frozenset(numbers), name.lower())
 
 
 def _fits(found: object) -> TypeGuard[Dialect]:

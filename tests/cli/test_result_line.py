@@ -120,7 +120,11 @@ def test_what_is_passed_through_is_not_compensated(part: Path, capsys: pytest.Ca
         ("linuxcnc", "G41 D1\nG1 X20\nG40 X30\n", "--expand --tool-table FILE works out cutter compensation"),
         ("fanuc", "M98 P100\n", "--expand writes it out as plain moves"),
         ("siemens", "LAB: G1 X20\nX30\nREPEAT LAB P2\n", "--expand writes it out as plain moves"),
-        ("linuxcnc", "M300 (a macro of the shop's own)\n", "M300"),
+        (
+            "linuxcnc",
+            "M300 (a macro of the shop's own)\n",
+            'dialect = "linuxcnc+m300" in the machine file says that M300 moves nothing',
+        ),
     ],
 )
 def test_what_would_have_it_compensated_is_said(dialect: str, text: str, way: str) -> None:
