@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+from collections.abc import Iterator
 from functools import cache
 from typing import Any, Final
 
@@ -39,6 +40,21 @@ HOUR: Final = 3600.0
 
 LONGEST_SIMULATED: Final = 1.0 * HOUR
 """No error is simulated of a program that runs longer, as time and memory grow with it [s]."""
+
+
+_PART: Final = 1 << 16
+"""Rows that are worked on at a time."""
+
+
+def in_parts(size: int) -> Iterator[slice]:
+    """Cut rows into parts: what is worked out of a million words or motions needs no room for all of them.
+
+    Examples
+    --------
+    >>> [(part.start, part.stop) for part in in_parts(100_000)]
+    [(0, 65536), (65536, 131072)]
+    """
+    return (slice(low, low + _PART) for low in range(0, size, _PART))
 
 
 _MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1

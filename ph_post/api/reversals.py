@@ -11,7 +11,7 @@ import numpy as np
 from ph_post.analysis.path_analysis import Analysis, analyse
 from ph_post.api.compensated_program import CompensatedProgram
 from ph_post.api.results import AxisReversals, count_reversals
-from ph_post.bounds import give_memory_back
+from ph_post.bounds import give_memory_back, in_parts
 from ph_post.compensate.comparison import PASSED, crossings_at, strategy_at, window_number
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP
 from ph_post.edit.edits import Edits
@@ -341,16 +341,12 @@ def _shifted(
     return found
 
 
-_PART: Final = 1 << 16
-"""Motions that are looked at together."""
-
-
 def _left_off(motions: Motions, path: ProgramPath, column: int, asked: Collection[int]) -> dict[int, int]:
     """Tell of some motions, those of a path, which was the last up to there that moved an axis; maybe itself."""
     moving = np.empty(path.motion.size, dtype=np.bool_)
-    for first in range(0, moving.size, _PART):
-        part = path.motion[first : first + _PART]
-        moving[first : first + _PART] = np.abs(motions.end[part, column] - motions.start[part, column]) > STILL
+    for part in in_parts(moving.size):
+        rows = path.motion[part]
+        moving[part] = np.abs(motions.end[rows, column] - motions.start[rows, column]) > STILL
     moves = np.flatnonzero(moving)
     own = np.unique(np.array([*asked], dtype=path.motion.dtype))
     row = np.minimum(np.searchsorted(path.motion, own), path.motion.size - 1)

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from ph_post.bounds import in_parts
 from ph_post.dialects.base import Dialect
 from ph_post.dialects.declaration import Declaration, declaration_lines, has_marks, marked
 from ph_post.edit.block_words import COMMENT, line_end, longest_line
@@ -54,9 +55,6 @@ UNTURNED: Final = "holds for work offsets that are not rotated, mirrored or scal
 
 FIXED: Final = "holds where rotary axes do not move X, Y and Z, nor hold the tip of the tool in its place"
 """Note in the head of programs with words of rotary axes: their kinematics are the controller's affair."""
-
-_PART: Final = 1 << 16
-"""Words that are shifted at a time."""
 
 _LARGEST: Final = 10**13
 """Numbers of more digits than this would not survive the sum with an offset."""
@@ -222,9 +220,8 @@ def shifted_numbers(program: PartProgram, changed: ShiftedWords, decimals: int, 
     if pool.size > np.iinfo(np.int32).max:
         bounds = bounds.astype(np.int64)
     style, odd = np.empty(word.size, np.uint16), np.zeros(word.size, np.uint8)
-    for first in range(0, word.size, _PART):
-        part = slice(first, first + _PART)
-        own = word[part]
+    for part in in_parts(word.size):
+        own, first = word[part], part.start
         digits, places, many = _rounded_digits(program, own)
         columns = words.start[own], words.end[own], digits, places
         texts = pool, bounds[first : first + own.size + 1]
@@ -259,13 +256,12 @@ def _distinct(delta: PlaceArray) -> tuple[PlaceArray, ByteArray]:
         table, number = np.unique(delta, return_inverse=True)
         return table, number.astype(np.uint8)
     counts, which = np.zeros(int(delta.max()) - low + 1, dtype=np.int64), np.empty(delta.size, dtype=np.uint8)
-    parts = [slice(first, first + _PART) for first in range(0, delta.size, _PART)]
-    for part in parts:
+    for part in in_parts(delta.size):
         counts += np.bincount(delta[part] - low, minlength=counts.size)
     found = np.flatnonzero(counts)
     place = np.zeros(counts.size, dtype=np.uint8)
     place[found] = np.arange(found.size)
-    for part in parts:
+    for part in in_parts(delta.size):
         which[part] = place[delta[part] - low]
     return (found + low).astype(np.int32), which
 

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from ph_post.bounds import in_parts
 from ph_post.gcode.curves import curves_of, round_corners
 from ph_post.gcode.fitting.polyline import fit_polyline
 from ph_post.gcode.fitting.samples import ROUND, PolylineFit
@@ -14,9 +15,6 @@ from ph_post.geometry.curves import Arc, Composite
 from ph_post.geometry.piecewise import MEETS, Piece, PiecewiseCurve
 from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, Curve, IntArray, Path, Segment, sealed
-
-_PART: Final = 1 << 16
-"""Motions that are looked at together."""
 
 FEED_ROUGH: Final = 1e-2
 """Straight moves in a row whose feeds differ by no more than this part all count with the first one's feed:
@@ -115,10 +113,10 @@ class _Assembly:
     def _steps(self) -> tuple[IntArray, Array]:
         """Return the rows that lead from one vertex of the polyline to the next, and the vertices [m]."""
         rows, points = [], [self._places(slice(0, 1))[0]]
-        for first in range(0, self.rows.size, _PART):
-            start, end = self._places(slice(first, first + _PART))
+        for part in in_parts(self.rows.size):
+            start, end = self._places(part)
             steps = np.flatnonzero(np.linalg.norm(end - start, axis=1) > MEETS)
-            rows.append(first + steps)
+            rows.append(part.start + steps)
             points.append(end[steps])
         return np.concatenate(rows), np.concatenate(points)
 

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ph_post.bounds import MANY_LINES, give_memory_back
+from ph_post.bounds import MANY_LINES, give_memory_back, in_parts
 from ph_post.gcode import codes
 from ph_post.gcode.language import RS274, Language
 from ph_post.types import Array, BoolArray, IntArray, sealed
@@ -161,7 +161,7 @@ def _commands(words: WordTable) -> WordTable:
     """Return the words of :attr:`WordSource.commands`."""
     switched = np.zeros(int(words.block[-1]) + 1 if words.block.size else 0, dtype=np.bool_)
     found = []
-    for part in _slices(words.block.size):
+    for part in in_parts(words.block.size):
         letter, code = words.letter[part], words.letter[part] == ord("G")
         own = np.flatnonzero(~_PLAIN[letter] & ~code)
         others = np.flatnonzero(code)
@@ -484,9 +484,6 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return self.source.rows_of(block)
 
 
-_WORDS: Final = 1 << 16
-"""Words that are worked on at a time."""
-
 _TENS: Final = 10.0 ** np.arange(-1, 23)
 """Powers of ten from that of -1 decimals, which stands for no number, up to the last that is exact."""
 
@@ -504,7 +501,7 @@ def whole_numbers(value: Array, decimals: NDArray[np.int16]) -> IntArray:
     """
     found = np.empty(value.shape, dtype=np.int64)
     with np.errstate(all="ignore"):
-        for part in _slices(value.size):
+        for part in in_parts(value.size):
             whole = np.rint(value[part] * _powers(decimals[part]))
             found[part] = np.where(np.abs(whole) < _EXACT, whole, 0.0)
     return found
@@ -514,7 +511,7 @@ def long_numbers(value: Array, decimals: NDArray[np.int16] | IntArray) -> IntArr
     """Return the rows of plain numbers (decimals of 0 and more) of which doubles do not have all digits."""
     found = [np.zeros(0, dtype=np.int64)]
     with np.errstate(all="ignore"):
-        for part in _slices(value.size):
+        for part in in_parts(value.size):
             number, places = value[part], decimals[part]
             largest = np.fmax(np.fmax.reduce(number), -np.fmin.reduce(number))
             if not largest * 10.0 ** places.max() < _EXACT:
@@ -527,11 +524,6 @@ def _powers(decimals: NDArray[np.int16] | IntArray) -> Array:
     if decimals.size and int(decimals.min()) >= -1 and int(decimals.max()) + 1 < _TENS.size:
         return np.asarray(_TENS[decimals + 1])
     return np.asarray(10.0**decimals)
-
-
-def _slices(size: int) -> Iterator[slice]:
-    """Cut rows into parts: what is worked out of a million words needs no room for all of them."""
-    return (slice(low, low + _WORDS) for low in range(0, size, _WORDS))
 
 
 def span_of(blocks: PlaceArray, block: int) -> tuple[int, int]:

@@ -5,10 +5,11 @@ Only declared amounts may be added, only where that is allowed, and they are tak
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
+from ph_post.bounds import in_parts
 from ph_post.compiling import compiled, read_only
 from ph_post.dialects.planners import planner_of
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, PlaceArray, plane_columns
@@ -215,15 +216,10 @@ def _changed_ends(places: Any, shift: Any, axis: Any, old: Any, new: Any, found:
         unknown[pair] |= np.isnan(old_end[one, axis]) != np.isnan(new_end[other, axis])
 
 
-_PART: Final = 1 << 16
-"""Pairs that are compared at a time."""
-
-
 def _differ(one: Array, other: Array, old: PlaceArray, new: PlaceArray) -> BoolArray:
     """Mask of the pairs of motions of which numbers differ by more than rounding; two unknown ones do not."""
     found = np.empty(old.size, dtype=np.bool_)
-    for first in range(0, old.size, _PART):
-        part = slice(first, first + _PART)
+    for part in in_parts(old.size):
         a, b = one[old[part]], other[new[part]]
         found[part] = ~((np.abs(a - b) <= _RELATIVE * np.abs(a)) | (np.isnan(a) & np.isnan(b)))
     return found

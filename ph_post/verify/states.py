@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from ph_post.bounds import in_parts
 from ph_post.gcode.codes import takes_axes
 from ph_post.gcode.numbers import COMMENT
 from ph_post.gcode.program import Modal, PartProgram, PlaceArray, WordTable, expand, runs
@@ -200,9 +201,6 @@ _IN_CHANGE = ("motion", "absolute", "arc_absolute", "feed_mode", "path")
 INVERSE_TIME = 93
 
 
-_PART = 1 << 16
-"""Lines that are compared at a time."""
-
 _CONVERTED = 1e-12
 """Part by which an F may differ that is written in other units than its word was."""
 
@@ -220,8 +218,7 @@ def check_states(case: VerifyCase) -> None:
     for place in _first_ones(unlike, new):
         _report_state(case, int(old[place]), int(new[place]))
     timed = np.array([modal.feed_mode == INVERSE_TIME for modal in compensated.modal])
-    for low in range(0, old.size, _PART):
-        part = slice(low, low + _PART)
+    for part in in_parts(old.size):
         expected, got = _feeds(case, old[part], new[part])
         unlike[part] = ~(
             (expected == got)

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from ph_post.bounds import in_parts
 from ph_post.compiling import compiled, inner
 from ph_post.gcode.program import PartProgram
 from ph_post.simulate.controllers.chords import StraightBlocks
@@ -245,10 +246,6 @@ def _squares(blocks: StraightBlocks, limit: Array, planner: ExactPath, limits: A
     return of
 
 
-_PART: Final = 1 << 16
-"""Blocks whose times are worked out together where nothing but their sum is wanted."""
-
-
 def count_periods(
     blocks: StraightBlocks, limit: Array, planner: ExactPath, limits: Array, period: float, program: PartProgram
 ) -> int:
@@ -258,8 +255,7 @@ def count_periods(
     """
     squares = _squares(blocks, limit, planner, limits)
     took, begin = np.empty(blocks.length.size), 0.0
-    for first in range(0, took.size, _PART):
-        part = slice(first, first + _PART)
+    for part in in_parts(took.size):
         times = block_times(squares(part), blocks.length[part], blocks.push[part]).sum(axis=1)
         # Summed in their order, as all of them together are.
         ends = np.cumsum(np.append(begin, blocks.pause[part] + times))
