@@ -57,6 +57,7 @@ def _listing(command: Any) -> Any:
     """Options that say which trials."""
     for option in (
         click.option("--seeds", default=0, help="Seeds for each effect, channel set and loop."),
+        click.option("--first", default=0, help="Seed to begin with; others are fresh cases."),
         click.option("--effect", "effects", multiple=True, type=click.Choice(list(LEADING))),
         click.option("--channels", "sets", multiple=True, help="act, act+motor, unknown, ... ; default all."),
         click.option("--loop", "loops", multiple=True, type=click.Choice(LOOPS)),
@@ -76,15 +77,23 @@ def _listing(command: Any) -> Any:
 
 
 def _trials(
-    seeds: int, effects: Any, sets: Any, loops: Any, nothing: int, outside: int, pair_count: int, sample: int
+    seeds: int,
+    first: int,
+    effects: Any,
+    sets: Any,
+    loops: Any,
+    nothing: int,
+    outside: int,
+    pair_count: int,
+    sample: int,
 ) -> list[Trial]:
     chosen = [tuple(each.split("+")) for each in sets] or list(CHANNEL_SETS)
     some = loops or SINGLE_LOOPS
     trials = [
-        *nothings(nothing, some),
-        *singles(seeds, effects or tuple(LEADING), chosen, loops or LOOPS),
-        *outsiders(outside, some),
-        *pairs(pair_count, some),
+        *nothings(nothing, some, first),
+        *singles(seeds, effects or tuple(LEADING), chosen, loops or LOOPS, first),
+        *outsiders(outside, some, first),
+        *pairs(pair_count, some, first),
     ]
     if sample:
         random.Random(0).shuffle(trials)

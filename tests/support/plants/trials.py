@@ -98,27 +98,29 @@ def singles(
     effects: Sequence[str] = tuple(LEADING),
     channel_sets: Sequence[tuple[str, ...]] = CHANNEL_SETS,
     loops: Sequence[str] = LOOPS,
+    first: int = 0,
 ) -> Iterator[Trial]:
     """One hidden effect, seed by seed, so that the first part of the list is a small matrix already."""
-    for seed, channels, name, feedback in itertools.product(range(seeds), channel_sets, effects, loops):
+    every = range(first, first + seeds)
+    for seed, channels, name, feedback in itertools.product(every, channel_sets, effects, loops):
         if shows(name, channels, feedback):
             yield Trial("single", (name,), channels, feedback, seed)
 
 
-def nothings(count: int, loops: Sequence[str] = SINGLE_LOOPS) -> Iterator[Trial]:
-    for seed in range(count):
+def nothings(count: int, loops: Sequence[str] = SINGLE_LOOPS, first: int = 0) -> Iterator[Trial]:
+    for seed in range(first, first + count):
         yield Trial("nothing", (), CHANNEL_SETS[seed % len(CHANNEL_SETS)], loops[seed // 7 % len(loops)], seed)
 
 
-def outsiders(count: int, loops: Sequence[str] = SINGLE_LOOPS) -> Iterator[Trial]:
+def outsiders(count: int, loops: Sequence[str] = SINGLE_LOOPS, first: int = 0) -> Iterator[Trial]:
     """An effect that no catalogue knows."""
     channel_sets = (("act",), ("act", "motor"), ("act", "force"), ("act", "motor", "force"))
-    for seed in range(count):
+    for seed in range(first, first + count):
         name, channels = OUTSIDE[seed % len(OUTSIDE)], channel_sets[seed // 8 % 4]
         yield Trial("outside", (name,), channels, loops[(seed + seed // 8) % len(loops)], seed)
 
 
-def pairs(count: int, loops: Sequence[str] = SINGLE_LOOPS) -> Iterator[Trial]:
-    for seed in range(count):
+def pairs(count: int, loops: Sequence[str] = SINGLE_LOOPS, first: int = 0) -> Iterator[Trial]:
+    for seed in range(first, first + count):
         effects = PAIRS[seed % len(PAIRS)]
         yield Trial("pair", effects, PAIR_CHANNELS[seed % 3], loops[seed // 3 % len(loops)], seed)
