@@ -54,6 +54,11 @@ EARNS: Final = 8.0
 EQUAL: Final = 5.0
 """Nats within which two hypotheses explain a log equally."""
 
+CLOSE: Final = 2e-4
+"""Part of a score within which two are equal as well: a path that both explain all but exactly has a score of tens of
+thousands of nats, of which the numbers of the file, fitted within their priors, and the course of a command between
+its rows leave some."""
+
 BLUR: Final = 0.15
 """Part of a score within which two are equal, for models that leave more than noise."""
 
@@ -330,7 +335,7 @@ def _wants_a_name(problem: AxisProblem, stages: Sequence[FittedModel]) -> bool:
 
 def _margin(problem: AxisProblem, fitted: FittedModel, score: float) -> float:
     """Nats within which others are as good: more where the model leaves more than noise."""
-    return EQUAL if at_floor(problem, fitted) else max(EQUAL, BLUR * score)
+    return max(EQUAL, (CLOSE if at_floor(problem, fitted) else BLUR) * score)
 
 
 def _refines(problem: AxisProblem, model: Model, one: ScoredHypothesis) -> bool:

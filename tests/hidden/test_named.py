@@ -94,6 +94,15 @@ def test_what_does_the_same_is_told_as_ambiguous() -> None:
     assert {"viscous_friction", "servo_mismatch"} <= {first["name"], *first["ambiguous_with"]}
 
 
+@pytest.mark.slow
+def test_a_filter_as_long_as_the_loop_makes_of_its_feed_forward_is_ambiguous() -> None:
+    """0.7 fed forward over 56.5 1/s are 12.39 ms, the filter 12.43: with nothing fed forward the axis moves as well."""
+    result = diagnosed("single", ["command_filter"], "act+force", "cascade-load", 9001)
+    assert result["verdict"] == "ambiguous"
+    first = result["findings"][0]
+    assert {first["name"], *first["ambiguous_with"]} == {"servo_mismatch", "command_filter"}
+
+
 @pytest.mark.parametrize(("name", "seed"), [("hum", 0), ("loading", 4)])
 @pytest.mark.thinned(4)
 def test_what_no_name_explains_is_unknown_and_adds_nothing(name: str, seed: int) -> None:

@@ -137,7 +137,7 @@ def _drives(base: Plant, of: Scene) -> Iterator[Rival]:
 
     if base.feedback != "load":
         yield Rival("elastic_windup", windup, (1.0,), lambda g: [g.read(-size / pace.acceleration * g.acceleration)])
-    elif not base.gap and not Forced.of(base):
+    elif base.drive is None and not base.gap and not Forced.of(base):
         yield Rival("elastic_windup", windup, (1.0,))
     yield from _delays(of)
 
