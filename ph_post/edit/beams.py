@@ -11,7 +11,7 @@ from ph_post.edit.block_words import ends_program
 from ph_post.edit.extrusion import filament_of
 from ph_post.edit.reversals import MOTION, SHARE, SIGN
 from ph_post.gcode.paths import places_words
-from ph_post.gcode.program import PartProgram
+from ph_post.gcode.program import PartProgram, chain_heads
 from ph_post.gcode.working import working_motions
 from ph_post.types import Array, Machine
 
@@ -80,7 +80,7 @@ class BeamGuard:
             return []
         on = self.works.on.astype(np.int64)
         ends = np.flatnonzero(np.diff(on, prepend=0, append=0) != 0)
-        chain = np.flatnonzero(np.diff(motions.chain, prepend=motions.chain[:1]) != 0)
+        chain = np.flatnonzero(chain_heads(motions.chain))[1:]
         inside = chain[on[chain] * on[chain - 1] == 1]
         places = np.sort(np.concatenate([ends, inside, inside]))
         return [(int(begin), int(end)) for begin, end in places.reshape(-1, 2)]

@@ -42,7 +42,18 @@ from ph_post.edit.reversals import (
 from ph_post.edit.threads import Threads
 from ph_post.gcode.further import further_lines
 from ph_post.gcode.motion_parts import places_along
-from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, PlaceArray, plane_columns
+from ph_post.gcode.program import (
+    ARC,
+    AXES,
+    CUBIC,
+    LINE,
+    NURBS,
+    RAPID,
+    PartProgram,
+    PlaceArray,
+    chain_heads,
+    plane_columns,
+)
 from ph_post.simulate.controllers.legs import ACROSS
 from ph_post.simulate.controllers.moves import tolerance_of, tolerances
 from ph_post.simulate.controllers.run import planned_speeds
@@ -391,7 +402,7 @@ def _regions(program: PartProgram, halts: BoolArray) -> PlaceArray:
     own = key[program.state[motions.block]] if count else np.zeros(0, dtype=np.int32)
     stop = np.zeros(count + 1, dtype=np.bool_)
     stop[1:count] |= own[1:] != own[:-1]
-    stop[1:count] |= motions.chain[1:] != motions.chain[:-1]
+    stop[1:count] |= chain_heads(motions.chain)[1:]
     m_words = (words.letter == ord("M")) & np.isin(words.value, tuple(INTERRUPTING))
     dwells = words.g_words(4.0, 9.0)
     for rows in (m_words, dwells, words.letter == ord("S"), words.letter == ord("T")):

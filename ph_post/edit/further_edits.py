@@ -33,7 +33,7 @@ from ph_post.edit.reversal_search import motion_times
 from ph_post.gcode import codes
 from ph_post.gcode.further import FurtherMoves, further_moves, unit_of
 from ph_post.gcode.paths import line_words
-from ph_post.gcode.program import RAPID, PartProgram
+from ph_post.gcode.program import RAPID, PartProgram, chain_heads
 from ph_post.gcode.working import working_motions
 from ph_post.types import ROTARY_AXES, Array, Axis, IntArray, Machine
 
@@ -234,7 +234,7 @@ class _AxisPlanner:
     def plan(self) -> FurtherAxisPlan:
         """Return the plan of all chains."""
         moves, left, drafts, missed = self._moves, [], [], 0
-        chains = np.flatnonzero(np.diff(moves.chain, prepend=-1))
+        chains = np.flatnonzero(chain_heads(moves.chain))
         for low, high in zip(chains.tolist(), [*chains[1:].tolist(), moves.block.size], strict=True):
             draft = _Draft()
             try:

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.edit.reversals import BEYOND, CARRIED, CHAIN, COLUMNS, FIRST, LAST, MOTION, SHARE, SHARE0, SHARE1, SIGN
-from ph_post.gcode.program import AXES, RAPID, Motions, PartProgram
+from ph_post.gcode.program import AXES, RAPID, Motions, PartProgram, chain_heads
 from ph_post.types import Array, BoolArray, IntArray
 
 RESTART: Final = 60.0
@@ -39,7 +39,7 @@ def resting_places(motions: Motions, column: int) -> list[tuple[int, int]]:
     """
     moving = np.flatnonzero(moves(motions)[:, column])
     cuts = np.append(0, np.cumsum(motions.kind != RAPID))
-    ends = np.append(np.flatnonzero(np.diff(motions.chain)) + 1, motions.kind.size)
+    ends = np.append(np.flatnonzero(chain_heads(motions.chain))[1:], motions.kind.size)
     found = []
     for n, first in enumerate(moving.tolist()):
         end = int(ends[np.searchsorted(ends, first, side="right")])
@@ -159,7 +159,7 @@ def find_restarts(
     alone = ~rapid & ~moving[:, :2].any(axis=1)
     clock = np.zeros(times.size + 1)
     np.cumsum(times, out=clock[1:])
-    heads = np.append(True, motions.chain[1:] != motions.chain[:-1])
+    heads = chain_heads(motions.chain)
     numbers = np.cumsum(heads, dtype=np.int32) - np.int32(1)
     found: list[Restart] = []
     others: dict[int, Restart] = {}

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from ph_post.compiling import compiled, inner
-from ph_post.gcode.program import ARC, CUBIC, LINE, RAPID, Motions, plane_columns
+from ph_post.gcode.program import ARC, CUBIC, LINE, RAPID, Motions, chain_heads, plane_columns
 from ph_post.types import IntArray
 
 NEAR: Final = 1e-7
@@ -298,10 +298,8 @@ def motion_view(motions: Motions) -> tuple[Any, ...]:
 
 def chain_spans(motions: Motions) -> tuple[IntArray, IntArray]:
     """Return the first motion of every chain, and the motion behind its last; both (c,)."""
-    if motions.chain.size == 0:
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    low = np.append(0, np.flatnonzero(np.diff(motions.chain)) + 1)
-    return low, np.append(low[1:], motions.chain.size)
+    places = np.flatnonzero(np.append(chain_heads(motions.chain), True))
+    return places[:-1], places[1:]
 
 
 def section_spans(motions: Motions) -> tuple[IntArray, IntArray]:
@@ -314,7 +312,7 @@ def section_spans(motions: Motions) -> tuple[IntArray, IntArray]:
     if count == 0:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     cuts = motions.kind != RAPID
-    heads = np.append(True, np.diff(motions.chain) != 0)
+    heads = chain_heads(motions.chain)
     ends = np.append(np.flatnonzero(heads)[1:], count)[np.cumsum(heads) - 1]
     cuts_until = np.append(0, np.cumsum(cuts))
     begins = ~cuts & np.append(False, cuts[:-1]) & (cuts_until[ends] > cuts_until[:-1])

@@ -19,7 +19,7 @@ from ph_post.edit.edits import CrossingEdit, StopEdit
 from ph_post.edit.reversals import CARRIED, CHAIN, FIRST, LAST, MOTION, SHARE, SHARE0, SHARE1, SIGN
 from ph_post.gcode.motion_parts import chord_lengths
 from ph_post.gcode.paths import line_words
-from ph_post.gcode.program import AXES, RAPID, PartProgram, runs
+from ph_post.gcode.program import AXES, RAPID, PartProgram, chain_heads, runs
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
 
@@ -52,8 +52,8 @@ class Threads:
             self._length, self._ways = chord_lengths(motions), np.nan_to_num(motions.end - motions.start)
         self.spans: list[tuple[int, int]] = []
         for first, end in zip(*(ends.tolist() for ends in runs(self.mask)), strict=True):
-            joints = first + 1 + np.flatnonzero(np.diff(motions.chain[first:end]) != 0)
-            places = [first, *joints.tolist(), end]
+            joints = first + np.flatnonzero(chain_heads(motions.chain[first:end]))
+            places = [*joints.tolist(), end]
             self.spans += pairwise(places)
 
     def around(self, rows: Array, axis: int, carries: BoolArray) -> Array:

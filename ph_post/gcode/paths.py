@@ -22,6 +22,7 @@ from ph_post.gcode.program import (
     Motions,
     PartProgram,
     PlaceArray,
+    chain_heads,
     in_a_row,
 )
 from ph_post.geometry.piecewise import MEETS, PiecewiseCurve
@@ -172,7 +173,7 @@ def _chains(motions: Motions) -> list[tuple[int, PlaceArray]]:
     """Chains and their motions; a chain's motions follow each other."""
     if motions.chain.size == 0:
         return []
-    heads = np.flatnonzero(np.diff(motions.chain, prepend=motions.chain[0] - 1))
+    heads = np.flatnonzero(chain_heads(motions.chain))
     parts = np.split(np.arange(motions.chain.size, dtype=np.int32), heads[1:])
     return [(int(motions.chain[rows[0]]), rows) for rows in parts]
 

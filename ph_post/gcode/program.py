@@ -533,6 +533,11 @@ def span_of(blocks: PlaceArray, block: int) -> tuple[int, int]:
     return int(low), int(high)
 
 
+def chain_heads(chain: NDArray[Any]) -> BoolArray:
+    """Return whether each motion is the first of its chain (m,), by the numbers of the chains (m,)."""
+    return np.append(True, chain[1:] != chain[:-1])[: chain.size]
+
+
 def runs(mask: BoolArray) -> tuple[IntArray, IntArray]:
     """Return the first places of the true runs of a mask (n,), and the places behind their ends; (k,) each.
 
