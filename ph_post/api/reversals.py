@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
@@ -214,7 +215,7 @@ def _of_path(
     windows = {member: window for window in analysis.windows for member in window.members}
     slight = _slight(analysis, found.before.motions, motion)
     at_end = _at_end(found.before.motions, analysis, places, slight)
-    shifted = _shifted(changes, found.before.motions, path, analysis, places, reach, at_end)
+    shifted = _shifted(changes, found.before.motions, path, analysis, places, reach, at_end, slight)
     after = np.minimum(np.searchsorted(path.motion, motion) + at_end, path.motion.size - 1)
     rows = zip(
         analysis.turning_points,
@@ -296,12 +297,14 @@ def _shifted(
     places: Sequence[Place],
     reach: Array,
     at_end: BoolArray,
+    slight: Sequence[bool],
 ) -> list[bool]:
     """Mask of the turning points at which the lasting offset of the axis that turns changes.
 
     Where the axis rests, the change may be anywhere in the rest, at whose end the turning point is listed. So it may
     where the axis goes on from its rest by no more than the tolerance before it turns, as a curve through the ends of
-    straight moves does.
+    straight moves does, and where it has gone back by no more than that, as in a rest behind the extreme of an arc; but
+    not for what is `slight`, beside which another reversal has the change.
     """
     points = analysis.turning_points
     if changes is None or not points:
@@ -309,18 +312,25 @@ def _shifted(
     own = slice(*np.searchsorted(changes.motion[:, 0], (path.motion[0], path.motion[-1] + 1)).tolist())
     begin_at, end_at = (path.to_path(changes.motion[own, k], changes.share[own, k]) for k in (0, 1))
     column = changes.column[own]
+    stands = _places_in(motions, path, analysis, changes.motion[own, 0], changes.share[own, 0])
+    again, last = np.full(len(points), np.inf), dict.fromkeys(AXES, math.inf)
+    for number in range(len(points) - 1, -1, -1):
+        again[number] = last[points[number].axis]
+        if not slight[number]:
+            last[points[number].axis] = points[number].s
     left_off: dict[str, dict[int, int]] = {}
     for name in changes.axes:
         asked = {place[1] - back for place in places if place[0] == name for back in (0, 1)}
         left_off[name] = _left_off(motions, path, AXES.index(name), asked)
     found = []
 
-    def rests(number: int, axis: int) -> bool:
-        """Return whether an axis stands still in a straight motion."""
-        return bool(motions.kind[number] == LINE and motions.start[number, axis] == motions.end[number, axis])
+    def stays(number: int, axis: int, position: float) -> bool:
+        """Return whether an axis ends a motion no farther from a place than the tolerance."""
+        return bool(abs(motions.end[number, axis] - position) <= analysis.tolerance)
 
     count = motions.kind.size
-    for point, (name, motion, _), near, ends in zip(points, places, reach, at_end.tolist(), strict=True):
+    rows = zip(points, places, reach, at_end.tolist(), slight, again.tolist(), strict=True)
+    for point, (name, motion, _), near, ends, little, until in rows:
         if name not in changes.axes:
             found.append(False)
             continue
@@ -332,13 +342,37 @@ def _shifted(
             begin = left_off[name][rest]
             low = float(path.to_path(np.array([begin]), np.ones(1))[0])
         stops = (column == AXES.index(name)) & (end_at > low - near - PASSED) & (begin_at < point.s + near + PASSED)
+        behind = slice(*np.searchsorted(begin_at, (point.s, until)).tolist())
+        position = _within(motions, motion, AXES.index(name), point.position)
+        off = np.abs(stands[behind, analysis.path.axes.index(name)] - position)
+        late = (column[behind] == AXES.index(name)) & (off <= analysis.tolerance) & (not little)
         leaves = motion + (2 if ends else 1)
         # A rapid that takes the axis away takes up its backlash on the way, as a plunge behind a rapid does in the air.
-        while leaves < count and ends and rests(leaves - 1, AXES.index(name)):
+        while leaves < count and not little and stays(leaves - 1, AXES.index(name), position):
             leaves += 1
-        away = ends and (motions.kind[min(leaves, count) - 1] == RAPID or motions.kind[motion] == RAPID)
-        found.append(bool(away or stops.any() or changes.carried[begin + 1 : leaves, AXES.index(name)].any()))
+        away = motions.kind[min(leaves, count) - 1] == RAPID or (ends and motions.kind[motion] == RAPID)
+        found.append(
+            bool(away or stops.any() or late.any() or changes.carried[begin + 1 : leaves, AXES.index(name)].any())
+        )
     return found
+
+
+def _within(motions: Motions, motion: int, axis: int, position: float) -> float:
+    """Return a position of an axis in a motion: a straight one goes no farther than its ends, as a curve may."""
+    if motions.kind[motion] != LINE:
+        return position
+    low, high = sorted((float(motions.start[motion, axis]), float(motions.end[motion, axis])))
+    return min(max(position, low), high)
+
+
+def _places_in(motions: Motions, path: ProgramPath, analysis: Analysis, motion: IntArray, share: Array) -> Array:
+    """Return where the axes of a path are (n, dim) at shares (n,) of motions: straight ones go straight."""
+    columns = [AXES.index(name) for name in analysis.path.axes]
+    start, end = (place[motion][:, columns] for place in (motions.start, motions.end))
+    track = analysis.track
+    curved = track.derivatives(*track.locate(path.to_path(motion, share)))[0]
+    straight = (motions.kind[motion] == LINE)[:, None]
+    return np.asarray(np.where(straight, start + share[:, None] * (end - start), curved))
 
 
 def _left_off(motions: Motions, path: ProgramPath, column: int, asked: Collection[int]) -> dict[int, int]:

@@ -243,6 +243,15 @@ def test_a_curve_through_points_that_overshoots_where_the_axis_rested_is_compens
     assert result.not_compensated == ""
 
 
+def test_a_reversal_of_which_a_rapid_takes_the_axis_away_counts_as_compensated() -> None:
+    """X turns in an arc that hardly bends, 0.1 nm before its end, and in the rapid behind the next one it leaves."""
+    cuts = "X25.81511 Y12.36433\nX25.810778 Y12.358336\nG3 Y12.355514 I9.407407 J-0.002876\nG3 Y12.352692 I9.407408 J0"
+    text = f"G21 G90 G17 G94\nG0 X26 Y12.4 Z2\nG1 Z-1 F300\n{cuts}\nG0 Z2\nX30\nG1 Z-1\nX33\nG0 Z2\nM2\n"
+    found = judge(Entry("defects/turns", File("turns.ngc"), text=text))
+    assert found.shown == found.followed > 0
+    assert found.compensated == found.reversals > 0
+
+
 def test_what_is_counted_over_a_whole_program_has_none_of_it_refused():
     """A circle from an unknown place would need places: it is left, and the circles behind it are compensated."""
     text = "G21 G90 G17 F600\nG3 I-20 J0\nT2 M6\nG0 X20 Y0 Z5\nG1 Z-1\nG3 I-20 J0\nG0 Z5\nM2\n"

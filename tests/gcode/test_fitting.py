@@ -106,6 +106,27 @@ def test_a_chamfer_stays_a_chamfer() -> None:
     assert kinds(fit_polyline(points, TOLERANCE)) == [STRAIGHT] * 3
 
 
+WALL = [(20, 99.2), (29, 99.27), (33.6, 99.276), (46.2, 99.277), (50.8, 99.277), (90, 99.277), (90.3, 99.249)]
+"""Steps that grow towards a long one, behind which the wall bends."""
+
+DOWN = [(3.671, -0.78), (3.664, -0.869), (3.644, -0.956), (3.612, -1.039), (3.568, -1.115), (3.514, -1.183)]
+LEVEL = [(3.45, -1.241), (3.378, -1.288), (3.301, -1.322), (3.219, -1.343), (3.135, -1.35)]
+RAMP = [(x, -0.36 * x, z) for x, z in [*DOWN, *LEVEL]]
+"""A helix that flattens out, from where steps that are all but straight, and much longer, lead to a corner."""
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [*WALL, (90.9, 99.1), (91.8, 98.45), (92.5, 97.6), (93, 96.5)],
+        [*RAMP, (0.975, -0.342, -1.35), (-14.84, 5.35, -1.35), (-28.665, 10.33, -1.35), (-30.5, 5.35, -1.35)],
+    ],
+)
+def test_a_curve_is_no_farther_from_long_steps_than_a_chord_may_be(points: list[list[float]]) -> None:
+    vertices = MM * np.array(points)
+    assert distance_to_polyline(vertices, samples(track_of(vertices))).max() < 5e-5 + TOLERANCE
+
+
 def test_a_line_of_many_steps_is_one_exact_line() -> None:
     # along X, then a quarter circle: Y must not stir on the line
     x = np.linspace(0.0, 30.0, 61)

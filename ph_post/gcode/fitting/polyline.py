@@ -24,6 +24,12 @@ radian at most where every one of them is off by a whole tolerance."""
 MOST: Final = 5
 """Points of a stencil: the tangent errs by the fourth power of their distance."""
 
+FEW: Final = 3
+"""Points of a stencil where steps are so uneven that more would say nothing: the tangent is between the chords."""
+
+STRAYS: Final = 1.5
+"""Part of the turn by which a tangent may be off a chord: half of it is usual."""
+
 
 @inner
 def _stencil(along: Array, first: int, last: int, k: int, base: float, out: IntArray) -> int:
@@ -97,6 +103,24 @@ def _lengths(points: Array) -> tuple[Array, Array]:
     return along, turn
 
 
+@inner
+def _strays(points: Array, turn: Array, first: int, last: int, k: int, tolerance: float, tangent: Array) -> bool:
+    """Return True if the tangent at vertex k, of a curve from first to last, is not about between the chords there."""
+    for near in (k - 1, k):
+        if first <= near < last:
+            size, off = 0.0, 0.0
+            for axis in range(3):
+                size += (points[near + 1, axis] - points[near, axis]) ** 2
+            size = math.sqrt(size)
+            for axis in range(3):
+                off += (tangent[axis] - (points[near + 1, axis] - points[near, axis]) / size) ** 2
+            # At an end of the curve the next turn says how much it may bend up to there.
+            bend = turn[k] if first < k < last else turn[k + 1] if k == first else turn[k - 1]
+            if math.sqrt(off) > STRAYS * bend + 3.0 * tolerance / size:
+                return True
+    return False
+
+
 @compiled
 def _tangents(points: Array, corners: BoolArray, lines: BoolArray, tolerance: float) -> tuple[Array, Array, Array]:
     n = len(points)
@@ -114,6 +138,8 @@ def _tangents(points: Array, corners: BoolArray, lines: BoolArray, tolerance: fl
             count = _stencil(along, first, last, k, BASE * tolerance, which)
             side = 0 if k == last else 1
             _differentiate(points, along, which, count, tangent[k, side])
+            if count > FEW and _strays(points, turn, first, last, k, tolerance, tangent[k, side]):
+                _differentiate(points, along, which, FEW, tangent[k, side])
             if first < k < last:
                 for axis in range(3):
                     tangent[k, 0, axis] = tangent[k, 1, axis]

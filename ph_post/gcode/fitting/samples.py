@@ -144,11 +144,24 @@ def _leaves(
 
 
 @inner
-def _lines(points: Array, node: IntArray, length: Array, corner: BoolArray, tolerance: float) -> BoolArray:
+def _sagitta(length: Array, turn: Array, corner: BoolArray, k: int) -> float:
+    """Sagitta [m] of a curve that stretch k would be a chord of: a circle divides the turn at a vertex by lengths."""
+    share = 0.0
+    for end, beside in ((k, k - 1), (k + 1, k + 1)):
+        if not corner[end]:
+            share += turn[end] * length[k] / (length[k] + length[beside])
+    return float(share * length[k] / 8.0)
+
+
+@inner
+def _lines(points: Array, node: IntArray, length: Array, turn: Array, corner: BoolArray, tolerance: float) -> BoolArray:
     """Find which stretches are straight lines."""
     m = len(length)
     line = np.zeros(m, dtype=np.bool_)
     for k in range(m):
+        if _sagitta(length, turn, corner, k) > LARGEST_SAGITTA:
+            line[k] = True
+            continue
         line[k] = _leaves(points, node, length, corner, k, -1, tolerance) and _leaves(
             points, node, length, corner, k, 1, tolerance
         )
@@ -193,7 +206,7 @@ def _mark(points: Array, tolerance: float, sharp: BoolArray) -> tuple[BoolArray,
     for k in range(1, m):
         turn[k] = _turn(points, node[k - 1], node[k], node[k + 1])
     corner = _corners(node, length, turn, sharp, tolerance)
-    line = _lines(points, node, length, corner, tolerance)
+    line = _lines(points, node, length, turn, corner, tolerance)
     for k in range(1, m):
         slack = 3.0 * tolerance / min(length[k - 1], length[k])
         if line[k - 1] and line[k]:
