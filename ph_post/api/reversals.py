@@ -303,8 +303,8 @@ def _shifted(
 
     Where the axis rests, the change may be anywhere in the rest, at whose end the turning point is listed. So it may
     where the axis goes on from its rest by no more than the tolerance before it turns, as a curve through the ends of
-    straight moves does, and where it has gone back by no more than that, as in a rest behind the extreme of an arc; but
-    not for what is `slight`, beside which another reversal has the change.
+    straight moves does, and where it is no farther than that from its turn, as in a rest behind the extreme of an arc;
+    but not for what is `slight`, beside which another reversal has the change.
     """
     points = analysis.turning_points
     if changes is None or not points:
@@ -312,12 +312,10 @@ def _shifted(
     own = slice(*np.searchsorted(changes.motion[:, 0], (path.motion[0], path.motion[-1] + 1)).tolist())
     begin_at, end_at = (path.to_path(changes.motion[own, k], changes.share[own, k]) for k in (0, 1))
     column = changes.column[own]
-    stands = _places_in(motions, path, analysis, changes.motion[own, 0], changes.share[own, 0])
-    again, last = np.full(len(points), np.inf), dict.fromkeys(AXES, math.inf)
-    for number in range(len(points) - 1, -1, -1):
-        again[number] = last[points[number].axis]
-        if not slight[number]:
-            last[points[number].axis] = points[number].s
+    begins, ends_at = (
+        _places_in(motions, path, analysis, changes.motion[own, k], changes.share[own, k]) for k in (0, 1)
+    )
+    since, until = _between(points, slight)
     left_off: dict[str, dict[int, int]] = {}
     for name in changes.axes:
         asked = {place[1] - back for place in places if place[0] == name for back in (0, 1)}
@@ -329,8 +327,8 @@ def _shifted(
         return bool(abs(motions.end[number, axis] - position) <= analysis.tolerance)
 
     count = motions.kind.size
-    rows = zip(points, places, reach, at_end.tolist(), slight, again.tolist(), strict=True)
-    for point, (name, motion, _), near, ends, little, until in rows:
+    rows = zip(points, places, reach, at_end.tolist(), slight, since, until, strict=True)
+    for point, (name, motion, _), near, ends, little, before, after in rows:
         if name not in changes.axes:
             found.append(False)
             continue
@@ -342,19 +340,31 @@ def _shifted(
             begin = left_off[name][rest]
             low = float(path.to_path(np.array([begin]), np.ones(1))[0])
         stops = (column == AXES.index(name)) & (end_at > low - near - PASSED) & (begin_at < point.s + near + PASSED)
-        behind = slice(*np.searchsorted(begin_at, (point.s, until)).tolist())
-        position = _within(motions, motion, AXES.index(name), point.position)
-        off = np.abs(stands[behind, analysis.path.axes.index(name)] - position)
-        late = (column[behind] == AXES.index(name)) & (off <= analysis.tolerance) & (not little)
+        about = slice(*np.searchsorted(begin_at, (before, after)).tolist())
+        position, axis = _within(motions, motion, AXES.index(name), point.position), analysis.path.axes.index(name)
+        stands = np.where(begin_at[about] < point.s, ends_at[about, axis], begins[about, axis])
+        beside = (column[about] == AXES.index(name)) & (np.abs(stands - position) <= analysis.tolerance)
+        stops = np.append(stops, beside & (not little))
         leaves = motion + (2 if ends else 1)
         # A rapid that takes the axis away takes up its backlash on the way, as a plunge behind a rapid does in the air.
         while leaves < count and not little and stays(leaves - 1, AXES.index(name), position):
             leaves += 1
         away = motions.kind[min(leaves, count) - 1] == RAPID or (ends and motions.kind[motion] == RAPID)
-        found.append(
-            bool(away or stops.any() or late.any() or changes.carried[begin + 1 : leaves, AXES.index(name)].any())
-        )
+        found.append(bool(away or stops.any() or changes.carried[begin + 1 : leaves, AXES.index(name)].any()))
     return found
+
+
+def _between(points: Sequence[TurningPoint], slight: Sequence[bool]) -> tuple[list[float], list[float]]:
+    """Arc lengths [m] of the turning points of an axis before and behind each, those that are `slight` left out."""
+    found = []
+    for numbers, end in ((range(len(points)), -math.inf), (range(len(points) - 1, -1, -1), math.inf)):
+        beside, last = [end] * len(points), dict.fromkeys(AXES, end)
+        for number in numbers:
+            beside[number] = last[points[number].axis]
+            if not slight[number]:
+                last[points[number].axis] = points[number].s
+        found.append(beside)
+    return found[0], found[1]
 
 
 def _within(motions: Motions, motion: int, axis: int, position: float) -> float:

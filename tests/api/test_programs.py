@@ -243,9 +243,19 @@ def test_a_curve_through_points_that_overshoots_where_the_axis_rested_is_compens
     assert result.not_compensated == ""
 
 
-def test_a_reversal_of_which_a_rapid_takes_the_axis_away_counts_as_compensated() -> None:
-    """X turns in an arc that hardly bends, 0.1 nm before its end, and in the rapid behind the next one it leaves."""
-    cuts = "X25.81511 Y12.36433\nX25.810778 Y12.358336\nG3 Y12.355514 I9.407407 J-0.002876\nG3 Y12.352692 I9.407408 J0"
+AWAY = "X25.81511 Y12.36433\nX25.810778 Y12.358336\nG3 Y12.355514 I9.407407 J-0.002876\nG3 Y12.352692 I9.407408 J0"
+"""X turns in an arc that hardly bends, 0.1 nm before its end; the rapid behind the next one takes it away."""
+
+EARLY = (
+    "X25.844 Y19.965\nX26.0638 Y19.7453\nX26.0293 Y18.265\nX26.0151\nY17.657\nX26.015 Y17.6531\nX26.0151\nY17.6516\n"
+    "X26.015 Y17.65\nY15.3379\nX26.0166 Y15.3168\nX26.0216 Y15.2962\nX26.0297 Y15.2766\nX26.0408 Y15.2585\n"
+    "X26.0544 Y15.2426\nX29.0169 Y12.2728\nX29.0165 Y12.271"
+)
+"""X drifts on by 0.1 µm behind the change, rests, and goes back."""
+
+
+@pytest.mark.parametrize("cuts", [AWAY, EARLY])
+def test_a_reversal_whose_change_is_no_farther_off_than_the_tolerance_counts_as_compensated(cuts: str) -> None:
     text = f"G21 G90 G17 G94\nG0 X26 Y12.4 Z2\nG1 Z-1 F300\n{cuts}\nG0 Z2\nX30\nG1 Z-1\nX33\nG0 Z2\nM2\n"
     found = judge(Entry("defects/turns", File("turns.ngc"), text=text))
     assert found.shown == found.followed > 0
