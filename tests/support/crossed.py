@@ -112,23 +112,27 @@ class Geometry:
         (a, b, c), center, _, angle = self._turn(move, start)
         return math.hypot(math.hypot(start[a] - center[a], start[b] - center[b]) * angle, move.end[c] - start[c])
 
-    def point(self, k: int, place: float):
-        """Point of a move at a place along the program."""
+    def point(self, k: int, place):
+        """Points of a move at places along the program, (..., 3)."""
         move, start = self.moves[k], self.starts[k]
-        share = (place - self.begins[k]) / (self.ends[k] - self.begins[k])
+        share = np.asarray((place - self.begins[k]) / (self.ends[k] - self.begins[k]))
         if move.kind != "arc":
-            return start + share * (np.array(move.end) - start)
+            return start + share[..., None] * (np.array(move.end) - start)
         (a, b, c), center, one, angle = self._turn(move, start)
-        radius, out = math.hypot(start[a] - center[a], start[b] - center[b]), np.zeros(3)
-        out[a] = center[a] + radius * math.cos(one + share * angle)
-        out[b] = center[b] + radius * math.sin(one + share * angle)
-        out[c] = start[c] + share * (move.end[c] - start[c])
+        radius, out = math.hypot(start[a] - center[a], start[b] - center[b]), np.zeros((*share.shape, 3))
+        out[..., a] = center[a] + radius * np.cos(one + share * angle)
+        out[..., b] = center[b] + radius * np.sin(one + share * angle)
+        out[..., c] = start[c] + share * (move.end[c] - start[c])
         return out
 
-    def at(self, place: float):
-        """Point at a place."""
-        k = min(int(np.searchsorted(self.ends, place - 1e-12)), len(self.moves) - 1)
-        return self.point(k, place)
+    def at(self, place):
+        """Points at places, (..., 3)."""
+        place = np.asarray(place)
+        on = np.minimum(np.searchsorted(self.ends, place - 1e-12), len(self.moves) - 1)
+        out = np.empty((*place.shape, 3))
+        for k in np.unique(on).tolist():
+            out[on == k] = self.point(k, place[on == k])
+        return out
 
 
 class Maker:
@@ -303,15 +307,16 @@ class Maker:
         """Largest distance of the table from the path, by brute force."""
         margin = 3.0 * (high - low) + 20.0 * float(np.linalg.norm(new - old))
         first = max(low - margin, 0.0)
-        before = [self.way.at(s) + old for s in np.linspace(first, low, 800)]
-        through = [point for _, point in self.through(here, old, new, out)]
+        before = self.way.at(np.linspace(first, low, 800)) + old
+        through = np.array([point for _, point in self.through(here, old, new, out)])
         last = min(high + margin, self.way.ends[-1])
-        behind = [self.way.at(s) + new for s in np.linspace(high, last, 800)]
-        motor = [before[0]]
-        for point in [*before[1:], *through, *behind]:
-            pieces = 400 if any(point is one for one in through) else 2
-            motor += [motor[-1] + (point - motor[-1]) * n / pieces for n in range(1, pieces + 1)]
-        motor = np.array(motor)
+        behind = self.way.at(np.linspace(high, last, 800)) + new
+        points = np.concatenate([before, through, behind])
+        pieces = np.repeat([2, 400, 2], [len(before) - 1, len(through), len(behind)])
+        step = np.repeat(np.arange(pieces.size), pieces)
+        share = (np.arange(step.size) - (np.cumsum(pieces) - pieces)[step] + 1) / pieces[step]
+        between = points[step] + (points[step + 1] - points[step]) * share[:, None]
+        motor = np.concatenate([points[:1], between])
         table = motor.copy()
         for axis, (minus, plus) in self.job.sides.items():
             a = AXES.index(axis)
@@ -320,10 +325,12 @@ class Maker:
                 table[:, a] = motor[:, a] - old[a]
                 continue
             at = motor[0, a] - ahead
-            for n, place in enumerate(motor[:, a]):
+            held = []
+            for place in motor[:, a].tolist():
                 at = min(max(at, place - plus), place - minus)
-                table[n, a] = at
-        path = cKDTree(np.array([self.way.at(s) for s in np.linspace(first, last, 16001)]))
+                held.append(at)
+            table[:, a] = held
+        path = cKDTree(self.way.at(np.linspace(first, last, 16001)))
         return float(path.query(table)[0].max())
 
 
