@@ -104,7 +104,8 @@ class CircleSides(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         if self.track.closed:
             s = s % self.track.length
         piece, u = self.track.locate(s.ravel())
-        gap = self.track.derivatives(piece, u)[0].reshape(*s.shape, -1)
+        places = self.track.derivatives(piece, u)[0]
+        gap = places.reshape(*s.shape, places.shape[1])  # of no sides as well
         gap -= take(self.circles, side).at(offset)
         deviation: Array = np.sqrt(np.einsum("nkd,nkd->nk", gap, gap))
         return deviation

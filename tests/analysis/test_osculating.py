@@ -7,6 +7,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from numpy.polynomial import Polynomial as Power
 from numpy.polynomial import chebyshev, legendre
 
@@ -143,6 +144,13 @@ def test_one_turning_point_on_an_open_path_is_bounded_by_its_end() -> None:
     _, _, (window,) = windows_of(Arc([0.0, -0.02], [0.0, 0.02], [0.0, 0.0], "ccw"))
     assert window.half_length == pytest.approx(0.02 * math.pi / 2)
     assert (window.limited_by, window.notes) == ("end", ("shortened: it reaches the end of the path",))
+
+
+def test_a_turning_point_at_the_very_end_of_a_path_has_a_window_of_no_length() -> None:
+    """As the rounding of an arc's end has it, where no other point has a side."""
+    track, (point,), _ = windows_of(Arc([0.0, -0.02], [0.0, 0.02], [0.0, 0.0], "ccw"))
+    (window,) = find_windows(track, (replace(point, s=track.length),), 5e-6)
+    assert (window.half_length, window.limited_by) == (0.0, "end")
 
 
 def test_a_corner_bounds_a_window() -> None:
