@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import chain, groupby
+from itertools import chain, groupby, pairwise
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -164,12 +164,13 @@ def _leave_behind(
     """Leave all axes that reverse there from a place in a section on, and sections that gain less for their time."""
     total = np.sum(list(gain.values()), axis=0)
     parts = _SectionParts(search, found, total, largest_first=options.largest_first)
+    turns = {name: np.sort(rows[rows[:, SIGN] != 0.0, MOTION]) for name, rows in found.items()}
 
     def leave(budget: float) -> None:
         search.take_again(search.for_now)
         for begin, end in parts.left(budget):
             for n in search.divided(begin, end):
-                for name in _turning(found, begin, end):
+                for name in _turning(turns, begin, end):
                     search.give_up(name, n, _too_costly(options.pace * parts.cost[name], need), for_now=True)
 
     low, high = 0.0, allowed
@@ -183,10 +184,12 @@ def _leave_behind(
         leave(low)
 
 
-def _turning(found: Mapping[str, Array], begin: int, end: int) -> list[str]:
-    """Return the axes that reverse from a motion on to before another: the others keep the offset that they have."""
-    inside = {name: (rows[:, MOTION] >= begin) & (rows[:, MOTION] < end) for name, rows in found.items()}
-    return [name for name, rows in found.items() if (inside[name] & (rows[:, SIGN] != 0.0)).any()]
+def _turning(turns: Mapping[str, Array], begin: int, end: int) -> list[str]:
+    """Return the axes that reverse from a motion on to before another: the others keep the offset that they have.
+
+    `turns` are the motions (n,) in which each axis reverses, in order.
+    """
+    return [name for name, motions in turns.items() if np.less(*np.searchsorted(motions, (begin, end)))]
 
 
 class _SectionParts:
@@ -204,22 +207,29 @@ class _SectionParts:
     """
 
     def __init__(self, search: ReversalSearch, found: dict[str, Array], gain: Array, *, largest_first: bool) -> None:
-        spots, self._times = search.crossings.costs(found, COARSER[-1])
-        self._section = search.section_of(spots.rows[:, MOTION])
-        self._motion = spots.rows[:, MOTION].astype(np.int64)
+        spots, times = search.crossings.costs(found, COARSER[-1])
+        section = search.section_of(spots.rows[:, MOTION])
         self._high = search.high
-        cost = np.bincount(self._section, self._times, gain.size)
-        self.cost = {name: float(self._times[spots.column == AXES.index(name)].sum()) for name in found}
+        cost = np.bincount(section, times, gain.size)
+        self.cost = {name: float(times[spots.column == AXES.index(name)].sum()) for name in found}
         """Time [s] that all crossings of an axis take."""
         opened = np.any([search.open[name] for name in found], axis=0)
         self._runs = _runs(np.flatnonzero(opened), gain)
         self._runs.sort(key=lambda own: -gain[own].sum() / (1.0 if largest_first else max(cost[own].sum(), 1e-12)))
+        rank = np.full(gain.size, len(self._runs))
+        for number, own in enumerate(self._runs):
+            rank[own] = number
+        rank = rank[section]
+        order = np.argsort(rank, kind="stable")
+        ends = np.searchsorted(rank[order], np.arange(len(self._runs) + 1))
+        self._times, self._motion = times[order], spots.rows[order, MOTION].astype(np.int64)
+        self._spans = [slice(first, end) for first, end in pairwise(ends.tolist())]
+        """Which of the times and motions belong to each run."""
 
     def left(self, budget: float) -> list[tuple[int, int]]:
         """Return the motions, from one to before another, for which a time [s] is too short."""
         found = []
-        for own in self._runs:
-            here = np.isin(self._section, own)
+        for own, here in zip(self._runs, self._spans, strict=True):
             spent = np.cumsum(self._times[here])
             if spent.size and spent[-1] > budget:
                 place = int(self._motion[here][np.argmax(spent > budget)])
