@@ -257,8 +257,10 @@ class CrossingSearch:
             if far
             else self._moves_to(spots, n, row, travel, pause, arrives)
         )
+        off = share == 1.0 and (sign == 0.0 or ground.beam.is_beam)
+        behind = ground.beam.off_behind(motion) if off else None
         # With its power in proportion to the speed over F a beam burns no more in a move at F than along the path.
-        steady = bool(ground.beam.works.follows[motion]) and sign != 0.0 and not behind_rapid
+        steady = bool(ground.beam.works.follows[motion]) and sign != 0.0 and not behind_rapid and behind is None
         # No faster than it can be on its way: from rest to rest by half of it each.
         reached = [math.sqrt(axis.limits.acceleration * abs(way)) for way in moves.ways]
         velocity = 0.0 if far else float(spots.feed[n])
@@ -282,7 +284,6 @@ class CrossingSearch:
             )
             for place, way in enumerate(moves.ways)
         )
-        off = share == 1.0 and (sign == 0.0 or ground.beam.is_beam)
         stop = StopEdit(
             motion=motion,
             share=share,
@@ -290,7 +291,7 @@ class CrossingSearch:
             shifts=shifts,
             approach=approach,
             rapid=approach and ground.beam.tool == "laser",
-            behind=ground.beam.off_behind(motion) if off else None,
+            behind=behind,
         )
         return stop, ground.overshoot[name] if far else 0.0
 

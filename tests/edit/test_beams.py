@@ -203,6 +203,16 @@ def test_an_axis_that_turns_where_the_beam_is_switched_off_is_shifted_behind_tha
     assert re.search(r"M5 S0\n\(ph-post: [^)]*X-", changed)
 
 
+def test_rows_to_and_fro_with_m4_are_shifted_behind_m5() -> None:
+    """No faster than the axis can be there: as fast as the cut it may be with the beam on alone."""
+    rows = "".join(f"M4\nG1 X{(40, 10)[n % 2]}\nM5\nG1 Y{10.2 + 0.2 * n:.1f}\n" for n in range(6))
+    text = f"G21 G90\nG1 X10 Y10 F1000 S100\n{rows}M2\n"
+    changed = made(text, stepper("laser"))
+    assert re.search(r"M5\n\(ph-post: [^)]*X-", changed)
+    assert error(text, changed)[1] < error(text, text)[1] / 5.0
+    assert dwells_while_lit(changed) == []
+
+
 def test_axes_come_to_their_sides_before_the_beam_is_switched_on_at_the_same_place() -> None:
     """Scripts write every line with its beginning, before M3 and behind it: the axes rest there in both."""
     places, text = ["X16 Y24", "X53 Y40", "X59 Y17", "X34 Y16", "X19 Y22"], "G21 G90\n"
