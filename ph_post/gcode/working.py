@@ -48,7 +48,7 @@ def tool_in_words(program: PartProgram) -> tuple[Tool, int] | None:
 
     A line of printer firmware with E extrudes. A laser's program sets S in the lines that cut, or turns the spindle on
     again and again, while no cut moves Z, unless it says there that it lets down a pen: where that stands it burns
-    nothing.
+    nothing. Nor does what has or changes a tool.
     """
     blocks = _extruding(program)
     if blocks.size:
@@ -57,9 +57,10 @@ def tool_in_words(program: PartProgram) -> tuple[Tool, int] | None:
     cuts = motions.kind != RAPID
     if not cuts.any() or np.any(motions.end[cuts, 2] != motions.start[cuts, 2], where=_known(program)[cuts]):
         return None
-    if np.any(words.letter == ord("T")) or _PEN.search(program.data):
+    orders = words.letter == ord("M")
+    if np.any((words.letter == ord("T")) | (orders & (words.value == 6.0))) or _PEN.search(program.data):
         return None
-    starts = words.block[(words.letter == ord("M")) & np.isin(words.value, (3.0, 4.0))]
+    starts = words.block[orders & np.isin(words.value, (3.0, 4.0))]
     power = words.block[(words.letter == ord("S")) & np.isin(words.block, motions.block[cuts])]
     power = power[~np.isin(power, starts)]
     if power.size:

@@ -422,6 +422,7 @@ def test_what_works_where() -> None:
     [
         "M3 S9000\nG0 X0 Y0 Z5\nG1 Z-1 F100\nG1 X9 S8000\nM2\n",
         "T1 M6\nM3 S9000\nG1 X9 F100\nM5\nM3\nG1 X0\nM2\n",
+        "M6\nM3 S9000\nG1 X9 F100\nM5\nM3\nG1 X0\nM2\n",
         "S9000 M3\nG1 X9 F100\nM5\nM2\n",
         "M3 (pen down)\nG1 X9 F100\nM5 (pen up)\nG0 X0\nM3 (pen down)\nG1 Y9\nM5\nM2\n",
         "M5 S30 ; lift the Pen\nG0 X1\nM3 S90 ; down\nG1 X9 F100\nM3\nG1 X0\nM2\n",
