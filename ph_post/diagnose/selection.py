@@ -55,9 +55,9 @@ EQUAL: Final = 5.0
 """Nats within which two hypotheses explain a log equally."""
 
 CLOSE: Final = 2e-4
-"""Part of a score within which two are equal as well: a path that both explain all but exactly has a score of tens of
-thousands of nats, of which the numbers of the file, fitted within their priors, and the course of a command between
-its rows leave some."""
+"""Part of a score within which two are equal as well. Where both explain a path all but exactly it has tens of
+thousands of nats, some of which go with the file's numbers, fitted within their priors, and with the command's course
+between rows."""
 
 BLUR: Final = 0.15
 """Part of a score within which two are equal, for models that leave more than noise."""

@@ -28,7 +28,7 @@ FEW: Final = 3
 """Points of a stencil where steps are so uneven that more would say nothing: the tangent is between the chords."""
 
 STRAYS: Final = 1.5
-"""Part of the turn by which a tangent may be off a chord: half of it is usual."""
+"""Times the turn there by which a tangent may be off a chord: half of it is usual."""
 
 
 @inner
