@@ -243,6 +243,14 @@ def test_a_curve_through_points_that_overshoots_where_the_axis_rested_is_compens
     assert result.not_compensated == ""
 
 
+def test_a_place_that_g10_l20_names_is_known() -> None:
+    text = "G21 G90 G17\nF600\nG10 P0 L20 X0\nG1 Y8\nX45\nY-8\nX90\nY8\nX135\nG4 P4\nX0 Y0\n"
+    found = judge(Entry("defects/origin", File("origin.nc"), "grbl", text=text))
+    assert found.shown == found.followed > 0
+    before, after = found.rms
+    assert after < before / 5.0
+
+
 AWAY = "X25.81511 Y12.36433\nX25.810778 Y12.358336\nG3 Y12.355514 I9.407407 J-0.002876\nG3 Y12.352692 I9.407408 J0"
 """X turns in an arc that hardly bends, 0.1 nm before its end; the rapid behind the next one takes it away."""
 
