@@ -322,35 +322,31 @@ def _shifted(
         left_off[name] = _left_off(motions, path, AXES.index(name), asked)
     found = []
 
-    def stays(number: int, axis: int, position: float) -> bool:
-        """Return whether an axis ends a motion no farther from a place than the tolerance."""
-        return bool(abs(motions.end[number, axis] - position) <= analysis.tolerance)
-
     count = motions.kind.size
     rows = zip(points, places, reach, at_end.tolist(), slight, since, until, strict=True)
     for point, (name, motion, _), near, ends, little, before, after in rows:
         if name not in changes.axes:
             found.append(False)
             continue
-        begin, low = motion, point.s
+        axis, begin, low = AXES.index(name), motion, point.s
         dwells = point.kind == "dwell"
-        near_start = abs(motions.start[motion, AXES.index(name)] - point.position) <= analysis.tolerance
+        near_start = abs(motions.start[motion, axis] - point.position) <= analysis.tolerance
         rest = motion if dwells else motion - 1
         if dwells or (near_start and rest in left_off[name]):
             begin = left_off[name][rest]
             low = float(path.to_path(np.array([begin]), np.ones(1))[0])
-        stops = (column == AXES.index(name)) & (end_at > low - near - PASSED) & (begin_at < point.s + near + PASSED)
+        stops = (column == axis) & (end_at > low - near - PASSED) & (begin_at < point.s + near + PASSED)
         about = slice(*np.searchsorted(begin_at, (before, after)).tolist())
-        position, axis = _within(motions, motion, AXES.index(name), point.position), analysis.path.axes.index(name)
-        stands = np.where(begin_at[about] < point.s, ends_at[about, axis], begins[about, axis])
-        beside = (column[about] == AXES.index(name)) & (np.abs(stands - position) <= analysis.tolerance)
+        position, k = _within(motions, motion, axis, point.position), analysis.path.axes.index(name)
+        stands = np.where(begin_at[about] < point.s, ends_at[about, k], begins[about, k])
+        beside = (column[about] == axis) & (np.abs(stands - position) <= analysis.tolerance)
         stops = np.append(stops, beside & (not little))
         leaves = motion + (2 if ends else 1)
         # A rapid that takes the axis away takes up its backlash on the way, as a plunge behind a rapid does in the air.
-        while leaves < count and not little and stays(leaves - 1, AXES.index(name), position):
+        while leaves < count and not little and abs(motions.end[leaves - 1, axis] - position) <= analysis.tolerance:
             leaves += 1
         away = motions.kind[min(leaves, count) - 1] == RAPID or (ends and motions.kind[motion] == RAPID)
-        found.append(bool(away or stops.any() or changes.carried[begin + 1 : leaves, AXES.index(name)].any()))
+        found.append(bool(away or stops.any() or changes.carried[begin + 1 : leaves, axis].any()))
     return found
 
 

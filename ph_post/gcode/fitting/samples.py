@@ -159,11 +159,9 @@ def _lines(points: Array, node: IntArray, length: Array, turn: Array, corner: Bo
     m = len(length)
     line = np.zeros(m, dtype=np.bool_)
     for k in range(m):
-        if _sagitta(length, turn, corner, k) > LARGEST_SAGITTA:
-            line[k] = True
-            continue
-        line[k] = _leaves(points, node, length, corner, k, -1, tolerance) and _leaves(
-            points, node, length, corner, k, 1, tolerance
+        line[k] = _sagitta(length, turn, corner, k) > LARGEST_SAGITTA or (
+            _leaves(points, node, length, corner, k, -1, tolerance)
+            and _leaves(points, node, length, corner, k, 1, tolerance)
         )
     first = 0
     for k in range(m + 1):
