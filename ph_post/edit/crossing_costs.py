@@ -22,6 +22,8 @@ from ph_post.edit.reversals import (
     SIGN,
 )
 from ph_post.gcode.program import AXES, LINE, RAPID, PlaceArray
+from ph_post.simulate.controllers.corner_rules import corner_rule, corner_speeds
+from ph_post.simulate.controllers.moves import limit_table
 from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray
 
 SOONER: Final = 0.02
@@ -83,7 +85,7 @@ class CrossingCosts:
         """Time [s] that a stop with a move of the axis alone takes, rests apart (n,)."""
         axes = self._ground.machine.axes
         moves = [math.sqrt(axes[n].gap.lost_motion / axes[n].limits.acceleration) if n in axes else 0.0 for n in AXES]
-        passed = np.where(spots.first | (spots.rows[:, SIGN] == 0.0), 0.0, spots.rows[:, PASSED])
+        passed = self._at_corners(spots)
         # Between its ends 2 √(g/a); a corner is passed slowly anyway, which takes about half of it.
         longer = 1.0 + np.minimum(passed / np.maximum(spots.feed, LEAST_FEED), 1.0)
         move = np.array(moves)[spots.column] * longer
@@ -93,6 +95,27 @@ class CrossingCosts:
             lost = np.array([axes[n].gap.lost_motion if n in axes else 0.0 for n in AXES])[spots.column]
             move = np.where(spots.rows[:, SIGN] == 0.0, move, np.maximum(move, lost / fastest))
         return np.asarray(move + passed / self._ground.push[spots.rows[:, MOTION].astype(np.int64)])
+
+    def _at_corners(self, spots: Spots) -> Array:
+        """Speed at which the path passes the place of every change (n,) [m/s]: 0 where it is no reversal in a cut.
+
+        An exact path passes the corner of two lines no faster than the rule of its controller lets it.
+        """
+        ground, rows = self._ground, spots.rows
+        passed = np.where(spots.first | (rows[:, SIGN] == 0.0), 0.0, rows[:, PASSED])
+        if not isinstance(ground.planner, ExactPath):
+            return passed
+        line, motion = ground.program.motions.kind == LINE, rows[:, MOTION].astype(np.int64)
+        behind = np.minimum(motion + 1, line.size - 1)
+        corner = (passed > 0.0) & (rows[:, SHARE] == 1.0) & line[motion] & line[behind]
+        both = np.column_stack((motion[corner], behind[corner])).ravel()
+        length, limits = ground.along[both + 1] - ground.along[both], limit_table(ground.machine)
+        unit = ground.way[both] / np.maximum(length, 1e-12)[:, None]
+        rule, joined = corner_rule(ground.planner, float(limits[:2, 1].min())), np.arange(both.size) % 2 == 1
+        most = np.ascontiguousarray(limits[:, 1])
+        square = corner_speeds(*rule, unit, length, ground.feed[both], ground.push[both], most, joined)
+        passed[corner] = np.minimum(passed[corner], np.sqrt(square[1::2]))
+        return passed
 
     def of_chords(self, spots: Spots) -> Array:
         """Time [s] that the windows of crossings take longer than the path, with the ramps beside them (n,)."""

@@ -15,9 +15,14 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from support import firmware_planners as grbl
+from support.editing import with_edits
 from support.reference_player import Move, distance, interpret, run, tables
 
 import ph_post as ph
+from ph_post.dialects.reading import read_as
+from ph_post.dialects.registry import find_dialect
+from ph_post.edit.edits import EditOptions
+from ph_post.edit.offset_edits import plan_offsets
 from ph_post.types import Machine
 
 UM = 1e-3
@@ -183,3 +188,20 @@ def test_stops_keep_to_the_time_that_the_controller_takes(
     written = ph.compensate(file, machine(), strategy="dwell", max_slowdown=allowed).program().decode()
     before, time = cycle_time(text), cycle_time(written)
     assert before * 1.005 < time <= before * (1.0 + allowed + 0.01), f"{before:.2f} -> {time:.2f} s"
+
+
+def honeycomb() -> list[str]:
+    turns = np.radians(15.0 + 60.0 * np.arange(7))
+    lines = ["G0 X5 Y0", "G1 Z-1 F300"]
+    for n in range(12):
+        lines += [f"G1 X{15.0 * n + 10.0 * math.cos(t):.3f} Y{10.0 * math.sin(t):.3f} F6000" for t in turns]
+    return lines
+
+
+def test_a_stop_in_a_corner_is_reckoned_from_the_speed_at_which_that_is_passed() -> None:
+    text = "\n".join([*HEAD, *honeycomb(), "G0 Z5", "M2", ""])
+    before, program = cycle_time(text), read_as("grbl", text.encode(), "part.nc")
+    edits = plan_offsets(program, machine(), find_dialect("grbl"), EditOptions(max_slowdown=0.1, cycle=before))
+    time = cycle_time(with_edits(program, edits, machine(), "grbl").text.decode())
+    assert len(edits.stops) > 48
+    assert edits.slowdown * before == pytest.approx(time - before, rel=0.1), f"{before:.2f} -> {time:.2f} s"

@@ -323,8 +323,10 @@ def in_the_work(made: Places, original: Places) -> Places:
     kept = cuts.copy()
     if len(motor) == 1:
         return motor, kept
-    # Before the first move it stands where nobody knows.
-    top, bottom = motor[1:, 2].max(), motor[1:, 2].min()
+    # Before the first move it stands where nobody knows, and up to the first sideways it only comes to its height.
+    sideways = (motor[1:, :2] != motor[:-1, :2]).any(axis=1)
+    heights = motor[1 + int(sideways.argmax()) :, 2]
+    top, bottom = heights.max(), heights.min()
     flat = bool(top - bottom <= 4.0 * GAP)
     if not flat:
         kept &= motor[:, 2] < top - 2.0 * GAP
