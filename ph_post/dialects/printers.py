@@ -111,9 +111,15 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
     if word not in _READ:
         return _marked(code, b"$@")
     plain = _EXTRUDED.sub(lambda one: b" " * len(one[0]), rest)
-    foreign = word in (b"G2", b"G3") and _letters(rest) - set(arcs)
+    if word in (b"G2", b"G3"):
+        plain = _NO_CENTRE.sub(lambda one: b" " * len(one[0]), plain)
+    foreign = word in (b"G2", b"G3") and _letters(plain) - set(arcs)
     return code[:end] + plain if _MOVE.fullmatch(plain) and not foreign else _marked(code, b"$@")
 
+
+_NO_CENTRE: Final = re.compile(rb"[Kk][ \t]*[-+]?0*\.?0*(?![\d.])[ \t]*")
+"""A distance of an arc's centre across its plane that is nothing, as FreeCAD writes it: whatever the plane, none
+is taken where it is not told."""
 
 _RELEASES: Final = frozenset((b"M18", b"M84"))
 """Commands that switch the motors off."""
