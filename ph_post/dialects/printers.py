@@ -31,6 +31,12 @@ _PLAIN_COMMENT: Final = re.compile(rb"^[ \t]*\([^()]*\)[ \t]*$|\([^()A-Z]*\)[ \t
 """Text in parentheses that Marlin skips, built with PAREN_COMMENTS or without (parser.cpp): no command begins with one,
 and no parameter of a command is a small letter."""
 
+_MARKER: Final = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?M0*808(?!\d)", re.MULTILINE)
+"""Markers of loops, M808 L5 to M808 (Marlin, "M808 - Repeat Marker")."""
+
+_LOOP: Final = re.compile(rb"^[ \t]*while\b", re.MULTILINE)
+"""A loop of RepRapFirmware (Duet3D, "GCode Meta Commands"), whose programs are read as Marlin's."""
+
 _READ: Final = frozenset((b"G0", b"G1", b"G2", b"G3", b"G4", b"G20", b"G21", b"G90", b"G91", b"G92", b"G28"))
 """Words that are read as RS274/NGC's, with the differences below."""
 
@@ -64,13 +70,36 @@ def reader_of(still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bo
         Whether small letters mean what capitals mean.
     """
     change = partial(_hidden, still=still, arcs=arcs, foreign=foreign, small=small)
-    return lambda data: _LINE.sub(lambda found: change(found[0]), data)
+
+    def hide(data: bytes) -> bytes:
+        first, last = _repeated(data)
+        return _LINE.sub(lambda one: (_passed if first <= one.start() < last else change)(one[0]), data)
+
+    return hide
 
 
 def why_bound(line: bytes) -> str:
     """Return why the motion of a line cannot be divided, in words; empty where it can."""
     command = line.partition(b";")[0]
     return "extrudes (E), and is not divided without M82 or M83 before it" if _EXTRUDED.search(command) else ""
+
+
+def _repeated(data: bytes) -> tuple[int, int]:
+    """Return from where to where lines may run again: between the markers of Marlin's loops, and of RepRapFirmware's.
+
+    A loop of RepRapFirmware ends where no line is indented any more: that is not looked for.
+    """
+    markers = [found.start() for found in _MARKER.finditer(data)]
+    loop = _LOOP.search(data)
+    if loop is not None:
+        return min([loop.start(), *markers]), len(data)
+    return (markers[0], markers[-1] + 1) if markers else (0, 0)
+
+
+def _passed(line: bytes) -> bytes:
+    """Return a line of which nobody knows how often it runs."""
+    code, mark, comment = line.partition(b";")
+    return (_marked(code, b"$@") if code.strip() else code) + mark + comment
 
 
 def _hidden(line: bytes, still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bool) -> bytes:

@@ -245,6 +245,20 @@ def test_a_macro_forgets_the_modes_too() -> None:
     assert program.modal_after(5).units == MM
 
 
+@pytest.mark.parametrize(
+    ("text", "left"),
+    [
+        ("M808 L3\nG1 X40 F800\nG1 Y10\nG1 X0\nM808\nG1 X5\n", (4, 9)),
+        ("while iterations < 3\n  G1 X40 F800\n  G1 Y10\nG1 X0\nG1 Y5\nG1 X5\n", (4, 10)),
+    ],
+)
+def test_lines_that_run_again_are_passed_through(text: str, left: tuple[int, int]) -> None:
+    program = read(f"G21\nG90\nG1 X1 Y0 F600\n{text}")
+    kept = program.motions.block
+    assert not ((kept >= left[0] - 1) & (kept < left[1] - 1)).any()
+    assert kept.size == 1 + (left[1] < 10)
+
+
 def test_a_move_before_any_feed_is_read() -> None:
     program = read("G28\nG1 Z5\nG1 X1 F600\n")
     assert np.isnan(program.motions.feed[0])

@@ -231,6 +231,7 @@ def test_modal_calls_end_with_their_end() -> None:
         ("X1\nGOTOB L1", "lines of a jump: GOTOB L1", (0, 4)),
         ("X1\nIF R1==1 GOTOF E1\nX2\nE1: X3", "lines of a jump: GOTOF E1", (3, 5)),
         ("N30 X1\nX2\nGOTOB N30", "lines of a jump: GOTOB N30", (2, 4)),
+        ("N30 X1\nX2\nN40 @126 R1 K0 K-30", "program with branches of CL 800: @126", (0, 5)),
         ("B1:\nX2\nREPEAT B1 P=3", "repeated part", (2, 4)),
         ("B1: X2\nX3\nREPEATB B1 P=2", "repeated part", (2, 2)),
         ("B1: X2\nE1: X3\nREPEAT B1 E1 P=2", "repeated part", (2, 4)),

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 JUMPED: Final = "lines of a jump"
+BRANCHED: Final = "program with branches of CL 800"
 REPEATED: Final = "repeated part"
 CALLED: Final = "call of another program"
 UNMEASURED: Final = "subprogram without G90 or G91: what its places mean is set by the program that calls it"
@@ -16,6 +17,10 @@ _SKIP: Final = r"^\s*(?:(?:/\d?|\d)\s*)?"
 
 _LEAD: Final = _SKIP + r"(?:[N:]\d+\s*)?"
 _JUMP: Final = re.compile(r"\bGOTO([BFCS]?)\b\s*([A-Z_$\"]\w*|N\d+|:\d+|\d+)?", re.IGNORECASE)
+_BRANCH: Final = re.compile(r"(?<![A-Z_$\d\"])@\s*1\d\d(?!\d)", re.IGNORECASE)
+"""A jump or a loop of SINUMERIK 810 to 850, whose lines CL 800 numbers (Programming Guide CL 800, "Main group 1/
+Program branching": @100 to @161). Where it leads may be computed: all lines are marked."""
+
 _REPEAT: Final = re.compile(
     r"\bREPEAT(B?)\b\s+(?!UNTIL)([A-Z_]\w*|N\d+)(?:\s+([A-Z_]\w*|N\d+)(?!\w|\s*=))?", re.IGNORECASE
 )
@@ -49,6 +54,9 @@ def find_stretches(lines: Sequence[str]) -> dict[int, str]:
         for pattern in (_LABEL, _NUMBER):
             if label := pattern.match(text):
                 places.setdefault(label[1].upper(), number)
+    branch = _BRANCH.search("\n".join(lines))
+    if branch is not None:
+        return dict.fromkeys(range(len(lines)), f"{BRANCHED}: {branch[0]}")
     depth, opened = 0, ""
     for number, text in enumerate(lines):
         jump, repeat = _JUMP.search(text), _REPEAT.search(text)
