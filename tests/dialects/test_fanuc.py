@@ -183,6 +183,14 @@ def test_a_jump_back_makes_a_loop_of_what_lies_between() -> None:
     assert program.motions.block[2:].tolist() == [LINES + 4, LINES + 5]
 
 
+def test_an_end_that_leads_back_makes_a_loop() -> None:
+    again = read("N20 G1 X20.\nG1 X30.\nM99 P20\n")
+    assert (LINES, LINES + 2, "jump of a macro") in {(note.first, note.last, note.what) for note in again.notes}
+    assert again.motions.block.max() < LINES
+    # The line of a caller is not there, and what the subprogram cuts is the same for all of them.
+    assert read("N20 G1 X20.\nG1 X30.\nM99 P900\n").motions.block.max() >= LINES
+
+
 @pytest.mark.parametrize("target", ["90", "#100"])
 def test_a_jump_nobody_knows_where_to_leaves_every_line_as_it_is(target: str) -> None:
     program = read(f"G1 X20.\nIF [#1 LT 3] GOTO {target}\nG1 X0.\n")
