@@ -200,8 +200,8 @@ def with_nurbs(program: PartProgram, nurbs: Sequence[NurbsBlocks]) -> PartProgra
 
 
 _ODD: Final = re.compile(
-    rb"G0*[45789](?!\d)|G\d+\.\d|G10(?!\d)|G2[2356](?!\d)|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|M0*99[ \t]*P|^[ \t]*:|<"
-    rb"|#[^\n\r]*/|[\d. \t]/|G9[01](?!\d)[^\n\r]*G9[01](?!\d)|T[ \t]*\d[^\n\r]*T[ \t]*\d|" + MACRO,
+    rb"G0*[45789](?!\d)|G\d+\.\d|G10(?!\d)|G2[2356](?!\d)|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<"
+    rb"|M0*99[ \t]*P|#[^\n\r]*/|[\d. \t]/|G9[01](?!\d)[^\n\r]*G9[01](?!\d)|T[ \t]*\d[^\n\r]*T[ \t]*\d|" + MACRO,
     re.MULTILINE,
 )
 """What a line has that RS274 reads otherwise or not at all, or may have."""
