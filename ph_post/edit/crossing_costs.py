@@ -22,8 +22,7 @@ from ph_post.edit.reversals import (
     SIGN,
 )
 from ph_post.gcode.program import AXES, LINE, RAPID, PlaceArray
-from ph_post.simulate.controllers.corner_rules import corner_rule, corner_speeds
-from ph_post.simulate.controllers.moves import limit_table
+from ph_post.simulate.controllers.junctions import junction_speed
 from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray
 
 SOONER: Final = 0.02
@@ -108,13 +107,11 @@ class CrossingCosts:
         line, motion = ground.program.motions.kind == LINE, rows[:, MOTION].astype(np.int64)
         behind = np.minimum(motion + 1, line.size - 1)
         corner = (passed > 0.0) & (rows[:, SHARE] == 1.0) & line[motion] & line[behind]
-        both = np.column_stack((motion[corner], behind[corner])).ravel()
-        length, limits = ground.along[both + 1] - ground.along[both], limit_table(ground.machine)
-        unit = ground.way[both] / np.maximum(length, 1e-12)[:, None]
-        rule, joined = corner_rule(ground.planner, float(limits[:2, 1].min())), np.arange(both.size) % 2 == 1
-        most = np.ascontiguousarray(limits[:, 1])
-        square = corner_speeds(*rule, unit, length, ground.feed[both], ground.push[both], most, joined)
-        passed[corner] = np.minimum(passed[corner], np.sqrt(square[1::2]))
+        both = np.stack([motion[corner], behind[corner]])
+        length = ground.along[both + 1] - ground.along[both]
+        units = ground.way[both] / np.maximum(length, 1e-12)[..., None]
+        bound = junction_speed(ground.machine, *units, *length, feed=ground.feed[both].min(axis=0))
+        passed[corner] = np.minimum(passed[corner], bound)
         return passed
 
     def of_chords(self, spots: Spots) -> Array:
