@@ -161,28 +161,31 @@ def cutting_feed(program: PartProgram, times: Array) -> Array:
 
 
 ASSUMED_FEED: Final = 1000.0 * MM_PER_MIN
-"""Feed [m/s] with which motions are reckoned that have none which is known."""
+"""Feed [m/s] with which motions of a cutter are reckoned that have none which is known."""
 
 
 def reckoned_feeds(program: PartProgram, machine: Machine) -> PartProgram:
     """Return the program with a feed to reckon with where none is known; itself where that would not do.
 
-    New lines carry no F there: they have the feed in force. That will do in chains of one feed mode, for cutters, and
-    where no motor lags: then backlash is crossed over the same length of path at any feed.
+    New lines carry no F there: they have the feed in force. That will do in chains of one feed mode, where no motor
+    lags: then backlash is crossed over the same length of path at any feed. Of a beam it is the fastest that X and Y
+    can: a crossing burns a corner that is passed slowly less than twice as long, and one that is passed fast most.
     """
     motions = program.motions
     unknown = without_feed(program)
     lags = any(response_time(axis.servo) >= SHORT_LAG for axis in machine.axes.values())
     if not unknown.any():
         return program
-    if lags or working_motions(program, machine.tool).tool != "cutter":
+    tool, speeds = working_motions(program, machine.tool).tool, [axis.limits.velocity for axis in machine.axes.values()]
+    if lags or tool == "extruder":
         return _parted_behind(program, unknown)
+    assumed = ASSUMED_FEED if tool == "cutter" else max(speeds)
     low, high = chain_spans(motions)
     for first, end in zip(low.tolist(), high.tolist(), strict=True):
         states = np.unique(program.state[motions.block[first:end]])
         if len({program.modal[state].feed_mode for state in states.tolist()}) > 1:
             unknown[first:end] = False
-    return replace(program, motions=replace(motions, feed=sealed(np.where(unknown, ASSUMED_FEED, motions.feed))))
+    return replace(program, motions=replace(motions, feed=sealed(np.where(unknown, assumed, motions.feed))))
 
 
 def _parted_behind(program: PartProgram, unknown: BoolArray) -> PartProgram:
@@ -196,12 +199,13 @@ def _parted_behind(program: PartProgram, unknown: BoolArray) -> PartProgram:
 
 def warn_reckoned(program: PartProgram, reckoned: PartProgram) -> list[str]:
     """Return a warning of feeds that are not known, and were reckoned with."""
-    found = program.motions.block[np.isnan(program.motions.feed) & ~np.isnan(reckoned.motions.feed)]
+    found = np.flatnonzero(np.isnan(program.motions.feed) & ~np.isnan(reckoned.motions.feed))
     if not found.size:
         return []
+    lines, feed = program.motions.block[found[[0, -1]]].tolist(), reckoned.motions.feed[found[0]]
     return [
-        f"the feed in {line_words(int(found[0]), int(found[-1]))} is not known (G95, units of the control's own, or no"
-        f" F yet): the time is reckoned with {ASSUMED_FEED / MM_PER_MIN:g} mm/min, and new lines have the feed in force"
+        f"the feed in {line_words(*lines)} is not known (G95, units of the control's own, or no F yet): the time is"
+        f" reckoned with {feed / MM_PER_MIN:g} mm/min, and new lines have the feed in force"
     ]
 
 

@@ -14,10 +14,15 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from support import firmware_planners as grbl
-from support.editing import compensate
+from support.editing import compensate, with_edits
 from support.reference_player import BEGINS, Move, interpret, play
 
+from ph_post.dialects.reading import read_as
+from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
+from ph_post.edit.edits import EditOptions
+from ph_post.edit.offset_edits import plan_offsets
+from ph_post.edit.preconditions import reckoned_feeds
 from ph_post.types import Machine
 
 GAP = 0.06
@@ -138,6 +143,27 @@ def test_no_corner_is_burnt_much_longer(feed: float) -> None:
                 if feed == 30.0:
                     assert after < 1.135 * before
     assert left <= 1
+
+
+@pytest.mark.parametrize("feed", [30.0, 300.0, 2400.0])
+def test_no_corner_is_burnt_much_longer_at_whatever_feed_is_in_force(feed: float) -> None:
+    made, beside = 0, f"G21 G90\nF{feed:g}\n"
+    for seed in range(2):
+        text = re.sub(r" F\d+", "", contours(seed, feed))
+        program = read_as("grbl", text.encode(), "part.nc")
+        reckoned = reckoned_feeds(program, machine())
+        edits = plan_offsets(reckoned, machine(), find_dialect("grbl"), EditOptions(max_slowdown=0.5))
+        written = with_edits(program, edits, machine(), "grbl").text.decode()
+        assert "F" not in re.sub(r"\(.*", "", written)
+        made += len(edits.crossings)
+        path, motor, lasts = burnt(beside + text)
+        _, driven, stays = burnt(beside + written)
+        table = np.stack([*(play(driven[:, axis], GAP, 0.0) for axis in (0, 1)), driven[:, 2]], axis=1)
+        for one, other in pairwise(path):
+            if np.array_equal(one.end, other.start):
+                before, after = near(one.end, motor, lasts), near(one.end, table, stays)
+                assert after <= LONGER * before
+    assert made > 4
 
 
 def test_the_time_in_a_corner_in_which_the_path_stops() -> None:

@@ -243,7 +243,7 @@ def _thinned(path: np.ndarray) -> np.ndarray:
 
 
 def _laid(text: str) -> set[int] | None:
-    """Numbers of the lines in which a printer pushes filament; None where none does: it holds another tool."""
+    """Numbers of the lines in which a printer lays filament; None where none does: it holds another tool."""
     found, absolute, at = set(), True, 0.0
     for number, line in enumerate(text.splitlines(), 1):
         words = dict(re.findall(r"([A-Z])([-+]?[\d.]+)", line.partition(";")[0]))
@@ -251,7 +251,8 @@ def _laid(text: str) -> set[int] | None:
         if "E" not in words:
             continue
         before, at = at if absolute else 0.0, float(words["E"])
-        if words.get("G", "").lstrip("0") in ("", "1", "2", "3") and "G" in words and at > before:
+        draws = "G" in words and bool(words.keys() & {"X", "Y"})
+        if draws and words["G"].lstrip("0") in ("", "1", "2", "3") and at > before:
             found.add(number)
     return found or None
 
