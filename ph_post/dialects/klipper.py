@@ -37,15 +37,6 @@ _ASSUMED: Final = (
 )
 
 
-_STILL: Final = frozenset(
-    b"EXCLUDE_OBJECT EXCLUDE_OBJECT_DEFINE EXCLUDE_OBJECT_START EXCLUDE_OBJECT_END RESPOND SET_FAN_SPEED"
-    b" SET_HEATER_TEMPERATURE SET_INPUT_SHAPER SET_LED SET_PIN SET_PRESSURE_ADVANCE SET_PRINT_STATS_INFO"
-    b" SET_TEMPERATURE_FAN_TARGET SET_VELOCITY_LIMIT TEMPERATURE_WAIT SET_RETRACTION".split()
-)
-"""Extended commands that docs/G-Codes.md describes without motion or change of the coordinates. All others,
-and every macro of a user's, may move and change modes."""
-
-
 def _opening(plane: str) -> tuple[str, ...]:
     """One command a line; nothing is written that a plane could matter to."""
     del plane
@@ -76,7 +67,7 @@ DIALECT = Dialect(
     ending=".gcode",
     language=Language(
         name="klipper",
-        hide=reader_of(_STILL, b"XYZIJEF", b"$", small=True),
+        hide=reader_of(b"XYZIJEF", b"$", small=True),
         dwell=(("P", MS),),
         fixed={codes.UNITS: MM, codes.FEED_MODE: 94.0, codes.ARC_ABSOLUTE: 0.0},
         feed_known=False,

@@ -104,7 +104,7 @@ DIALECT = Dialect(
     ending=".gcode",
     language=Language(
         name="marlin",
-        hide=reader_of(frozenset(), b"XYZIJREFS", b"$@", small=False),
+        hide=reader_of(b"XYZIJREFS", b"$@", small=False),
         dwell=(("P", MS), ("S", 1.0)),
         fixed={codes.FEED_MODE: 94.0, codes.ARC_ABSOLUTE: 0.0},
         feed_known=False,

@@ -43,25 +43,36 @@ _READ: Final = frozenset((b"G0", b"G1", b"G2", b"G3", b"G4", b"G20", b"G21", b"G
 _STOPS: Final = frozenset((b"M0", b"M1", b"M3", b"M4", b"M5", b"M7", b"M8", b"M9"))
 
 STILL: Final = frozenset(
-    b"M17 M20 M21 M27 M31 M42 M73 M75 M77 M82 M83 M101 M102 M103 M104 M105 M106 M107 M108 M109 M110 M113 M114 M115"
-    b" M117 M118 M119 M140 M141 M150 M154 M155 M190 M191 M201 M203 M204 M205 M207 M208 M221 M280 M300 M301 M302 M304"
-    b" M400 M413 M425 M486 M500 M501 M503 M555 M569 M572 M592 M593 M900 M907".split()
+    b"M17 M20 M21 M27 M31 M42 M73 M75 M76 M77 M78 M82 M83 M101 M102 M103 M104 M105 M106 M107 M108 M109 M110 M111 M113"
+    b" M114 M115 M117 M118 M119 M122 M123 M126 M127 M128 M129 M140 M141 M145 M150 M154 M155 M190 M191 M201 M203 M204"
+    b" M205 M207 M208 M221 M250 M256 M280 M300 M301 M302 M304 M355 M380 M381 M400 M412 M413 M425 M486 M500 M501 M503"
+    b" M555 M569 M572 M592 M593 M900 M906 M907 M911 M912".split()
 )
 """Commands that neither move nor change where coordinates are or at which feed they are gone to:
-temperatures, fans, limits, messages, progress, the extruder's own settings, objects' names. M101 to M103 switch
-the motor of an old extruder, which ran at a speed of its own (RepRap wiki, "G-code"); others do not know them."""
+temperatures, fans, limits, messages, progress, the extruder's own settings, objects' names, drivers' currents. M101
+to M103 switch the motor of an old extruder, which ran at a speed of its own (RepRap wiki, "G-code"); others do not
+know them."""
+
+_QUIET: Final = STILL | frozenset(b"M862.%d" % check for check in range(1, 7))
+"""With Prusa's checks of the printer, nozzle and firmware (Prusa-Firmware-Buddy, "M862")."""
+
+_NAMED_STILL: Final = frozenset(
+    b"EXCLUDE_OBJECT EXCLUDE_OBJECT_DEFINE EXCLUDE_OBJECT_START EXCLUDE_OBJECT_END RESPOND SET_FAN_SPEED"
+    b" SET_HEATER_TEMPERATURE SET_INPUT_SHAPER SET_LED SET_PIN SET_PRESSURE_ADVANCE SET_PRINT_STATS_INFO"
+    b" SET_TEMPERATURE_FAN_TARGET SET_VELOCITY_LIMIT TEMPERATURE_WAIT SET_RETRACTION".split()
+)
+"""Extended commands that Klipper's docs/G-Codes.md describes without motion or change of the coordinates; Marlin does
+not know them, for which slicers' programs for Klipper are often taken. All others may be macros, which do anything."""
 
 _TEXTS: Final = frozenset((b"M117", b"M118", b"M486"))
 """Those behind which text stands."""
 
 
-def reader_of(still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], bytes]:
+def reader_of(arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], bytes]:
     """Return the function that hides what is no motion.
 
     Parameters
     ----------
-    still : frozenset of bytes
-        Names of extended commands, in capitals, that do not move.
     arcs : bytes
         Letters that an arc may have, in capitals.
     foreign : bytes
@@ -69,7 +80,7 @@ def reader_of(still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bo
     small : bool
         Whether small letters mean what capitals mean.
     """
-    change = partial(_hidden, still=still, arcs=arcs, foreign=foreign, small=small)
+    change = partial(_hidden, arcs=arcs, foreign=foreign, small=small)
 
     def hide(data: bytes) -> bytes:
         first, last = _repeated(data)
@@ -102,7 +113,7 @@ def _passed(line: bytes) -> bytes:
     return (_marked(code, b"$@") if code.strip() else code) + mark + comment
 
 
-def _hidden(line: bytes, still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bool) -> bytes:
+def _hidden(line: bytes, arcs: bytes, foreign: bytes, *, small: bool) -> bytes:
     """Return one line as RS274/NGC has it, of the same length."""
     code, mark, comment = line.partition(b";")
     if not code.strip() or code.lstrip().startswith(b"#"):
@@ -115,7 +126,7 @@ def _hidden(line: bytes, still: frozenset[bytes], arcs: bytes, foreign: bytes, *
     found = _COMMAND.match(code)
     if found is None:
         name = _NAME.match(code)
-        quiet = name is not None and name[1].upper() in still
+        quiet = name is not None and name[1].upper() in _NAMED_STILL
         return (b" " * len(code) if quiet else _marked(code, foreign)) + mark + comment
     word = found[1].upper() + (found[2].lstrip(b"0") or b"0")
     if not small and word in _READ and code != code.upper():
@@ -128,7 +139,7 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
     rest = code[end:]
     if _has_second(word, rest):
         return _doubted(code)
-    if word in STILL or _says_nothing(word, rest):
+    if word in _QUIET or _says_nothing(word, rest):
         return b" " * len(code)
     if word in _RELEASES:
         # Nobody knows where the axes are then, until they are homed: as behind a G28.
@@ -150,6 +161,8 @@ _NO_CENTRE: Final = re.compile(rb"[Kk][ \t]*[-+]?0*\.?0*(?![\d.])[ \t]*")
 """A distance of an arc's centre across its plane that is nothing, as FreeCAD writes it: whatever the plane, none
 is taken where it is not told."""
 
+_WHOLE_SPEED: Final = re.compile(rb"[ \t]*[Ss][ \t]*100(?:\.0*)?[ \t]*")
+
 _RELEASES: Final = frozenset((b"M18", b"M84"))
 """Commands that switch the motors off."""
 
@@ -159,7 +172,7 @@ def _has_second(word: bytes, rest: bytes) -> bool:
 
     T is a parameter of heaters and fans; M0 may have text behind it.
     """
-    if word in STILL:
+    if word in _QUIET:
         return word not in _TEXTS and _SECOND_BESIDE_T.search(rest) is not None
     if word in _STOPS:
         return _SECOND.search(rest) is not None and _MOVE.fullmatch(rest) is not None
@@ -170,7 +183,7 @@ def _says_nothing(word: bytes, rest: bytes) -> bool:
     """Return True if a command does not concern the path.
 
     G4 that only waits for moves, G92 of the extruder, retraction by the firmware (G10, G11), which moves E and Z and
-    takes both back by itself, and M84 of the extruder or after a time.
+    takes both back by itself, M84 of the extruder or after a time, and M220 of all of the speed, as it is anyway.
     """
     if word == b"G4":
         return not _letters(rest) & set(b"PS")
@@ -179,6 +192,8 @@ def _says_nothing(word: bytes, rest: bytes) -> bool:
     if word in _RELEASES:
         # A time after which they are switched off where nothing moves, or the extruder's motor alone.
         return bool(_letters(rest)) and _letters(rest) <= set(b"SE")
+    if word == b"M220":
+        return _WHOLE_SPEED.fullmatch(rest) is not None
     return word == b"G92" and _letters(rest) == set(b"E")
 
 
