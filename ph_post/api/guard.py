@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cached_property
 from typing import Final
 
 import msgspec
@@ -14,6 +16,7 @@ from ph_post.edit.affordable import SPARE
 from ph_post.edit.edits import EditOptions
 from ph_post.edit.reversals import section_spans
 from ph_post.errors import PhPostError
+from ph_post.gcode.program import PlaceArray
 from ph_post.simulate.assess import is_nominal, run_scenarios
 from ph_post.simulate.controllers.deviation import FollowedCut
 from ph_post.types import Array, BoolArray, IntArray, Scenario
@@ -67,39 +70,50 @@ class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     places: tuple[tuple[int, int], ...] = ()
 
 
-def compare_motions(before: ProgramMotion, after: ProgramMotion, planned: float) -> GuardFinding | None:
-    """Compare a compensated program with its original on the machine, section by section and as a whole.
+class Guard:
+    """Compares compensated programs with their original on the machine, section by section and as a whole.
 
     The largest, the root mean square and the 95th percentile of the distance from the path are compared, each for
     the worst initial sides, and where tables may run on in their backlash for each way in which they may.
 
     Parameters
     ----------
-    before, after : ProgramMotion
-    planned : float
-        Slowdown that was reckoned.
-
-    Returns
-    -------
-    GuardFinding or None
-        None where a program is too long to be simulated, or cannot be.
+    before : ProgramMotion
     """
-    try:
-        if max(before.time, after.time) > LONGEST_SIMULATED:
+
+    def __init__(self, before: ProgramMotion) -> None:
+        self._before = before
+
+    @cached_property
+    def _errors(self) -> list[Array]:
+        """Errors of the original, which are the same for every plan."""
+        return _section_errors(self._before)
+
+    def compare(self, after: ProgramMotion, planned: float) -> GuardFinding | None:
+        """Compare a compensated program, for which a slowdown `planned` was reckoned.
+
+        Returns
+        -------
+        GuardFinding or None
+            None where a program is too long to be simulated, or cannot be.
+        """
+        before = self._before
+        try:
+            if max(before.time, after.time) > LONGEST_SIMULATED:
+                return None
+            one, other = self._errors, _section_errors(after)
+            stays, *runs = map(_worse_sections, one, other)
+            places = _worse_places(after, one[0], other[0], stays.difference(*runs))
+        except (PhPostError, MemoryError):
             return None
-        errors = [_section_errors(motion) for motion in (before, after)]
-        stays, *runs = (_worse_sections(one, other) for one, other in zip(*errors, strict=True))
-        places = _worse_places(after, errors[0][0], errors[1][0], stays.difference(*runs))
-    except (PhPostError, MemoryError):
-        return None
-    return GuardFinding(
-        worse=stays.union(*runs),
-        runs_on=frozenset().union(*runs) - stays,
-        places=places,
-        slowdown=after.time / max(before.time, 1e-9) - 1.0,
-        planned=planned,
-        rms=float(errors[1][0][-1, 1]),
-    )
+        return GuardFinding(
+            worse=stays.union(*runs),
+            runs_on=frozenset().union(*runs) - stays,
+            places=places,
+            slowdown=after.time / max(before.time, 1e-9) - 1.0,
+            planned=planned,
+            rms=float(other[0][-1, 1]),
+        )
 
 
 def _worse_sections(one: Array, other: Array) -> frozenset[int]:
@@ -170,12 +184,17 @@ def _section_errors(motion: ProgramMotion) -> list[Array]:
     cut = motion.cut
     low, _ = section_spans(motion.original.motions)
     section = np.searchsorted(low, cut.motion[cut.counted], side="right") - 1
+    order = np.argsort(section, kind="stable").astype(np.int32)
+    edges = np.searchsorted(section[order], np.arange(low.size + 1))
+    sections = [*(order[edges[n] : edges[n + 1]] for n in range(low.size)), order]
+    del section
 
     def errors(scenario: Scenario) -> Array:
-        return _by_section(cut.counted_distances(scenario), _ways(cut, scenario), section, low.size)
+        return _by_section(cut.counted_distances(scenario), _ways(cut, scenario), sections)
 
     tried = [one for one in cut.scenarios() if is_nominal(one) or one.runs_on is not None]
     found = dict(zip(tried, run_scenarios(errors, tried), strict=True))
+    cut.forget()
     stays = np.max([own for one, own in found.items() if one.runs_on is None], axis=0)
     return [stays, *(own for one, own in found.items() if one.runs_on is not None)]
 
@@ -183,17 +202,15 @@ def _section_errors(motion: ProgramMotion) -> list[Array]:
 def _ways(cut: FollowedCut, scenario: Scenario) -> Array:
     """Return the ways of the rows that count [m]: how far the table goes, or its motor along the path."""
     way = np.abs(np.diff(cut.place, prepend=cut.place[:1]))
-    for axis in cut.runs.executed(scenario).T:
+    for axis in cut.runs.tables(scenario):
         np.maximum(way, np.abs(np.diff(axis, prepend=axis[:1])), out=way)
     return way[cut.counted]
 
 
-def _by_section(distance: Array, way: Array, section: IntArray, count: int) -> Array:
-    found = np.zeros((count + 1, 4))
-    order = np.argsort(section, kind="stable")
-    edges = np.searchsorted(section[order], np.arange(count + 1))
-    parts = [order[edges[n] : edges[n + 1]] for n in range(count)]
-    for number, rows in enumerate([*parts, order]):
+def _by_section(distance: Array, way: Array, sections: Sequence[PlaceArray]) -> Array:
+    """Errors of the rows of each section, as of `_section_errors`."""
+    found = np.zeros((len(sections), 4))
+    for number, rows in enumerate(sections):
         if rows.size:
             own = distance[rows]
             even = own[_evenly(way[rows])]

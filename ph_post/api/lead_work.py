@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.compensated_program import CompensatedProgram, ProgramRequest, cycle_time, head_notes, refusal
-from ph_post.api.guard import ROUNDS, SLACK, compare_motions, with_neighbours
+from ph_post.api.guard import ROUNDS, SLACK, Guard, with_neighbours
 from ph_post.api.led_programs import (
     CHORD_BLOCKS,
     LeadPlan,
@@ -58,13 +58,14 @@ class LeadWork:
         """Return the program with the lead; `path` is the one of which it was made, None for its own."""
         asked, time = self._request.plan, cycle_time(self._before)
         options, left = asked, frozenset[int]()
+        guard = Guard(self._before)
         plan = self._plan(options, time, path)
         for _ in range(ROUNDS):
             if not plan.stretches:
                 break
             declared, after, verdict = self._written(plan)
             motion = self._motion(after)
-            found = compare_motions(self._before, motion, 0.0)
+            found = guard.compare(motion, 0.0)
             over = 0.0 if found is None else found.slowdown - asked.max_slowdown
             if over > SLACK and options.max_slowdown > 0.0:
                 options = replace(options, max_slowdown=max(options.max_slowdown - over - SLACK, 0.0))

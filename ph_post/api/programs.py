@@ -17,8 +17,8 @@ from ph_post.api.guard import (
     FURTHER,
     LEAST,
     ROUNDS,
+    Guard,
     GuardFinding,
-    compare_motions,
     otherwise,
     tightened,
     with_neighbours,
@@ -344,6 +344,7 @@ class _PlanSearch:
     ) -> None:
         self._rounds = rounds
         self._planner, self._before, self._request = planner, before, request
+        self._guard = Guard(before)
         self._warnings, self._progress = warnings, progress
         self._original = original
         self._count = section_spans(self._original.motions)[0].size
@@ -431,7 +432,7 @@ class _PlanSearch:
             if behind:
                 return replace(options, plain_corners=True)
             return self._without_failed(made, refused, options)
-        judged = compare_motions(*made.motions, made.edits.slowdown)
+        judged = self._guard.compare(made.motions[1], made.edits.slowdown)
         chooses = find_traits(self._request.plan.strategy).chooses
         if judged is not None and not (chooses or self._planner.offsets_axes):
             # Dips and stops that were asked for by name keep to the time; what they do to the part is told.

@@ -8,7 +8,7 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -140,13 +140,15 @@ class Runs:
 
     def __init__(self, command: Command, machine: Machine) -> None:
         self._command, self._machine = command, machine
-        kept = max(KEPT * len(command.axes), SPACE // (2 * command.t.nbytes))
-        self._run_axis = lru_cache(maxsize=kept)(self._axis)
+        many = SPACE // (2 * command.t.nbytes)
+        self._run_axis = lru_cache(maxsize=many)(self._axis)
+        # Of a long command the tables alone are kept: few ask for the motors.
+        self._table = lru_cache(maxsize=max(KEPT * len(command.axes), many))(lambda *key: self._run_axis(*key)[0])
 
     def of(self, scenario: Scenario) -> Run:
         """Run a machine; see :func:`simulate`."""
         command = self._command
-        axes = self._axes(scenario)
+        axes = [self._run_axis(*key) for key in self._keys(scenario)]
         events = [event for name, one in zip(command.axes, axes, strict=True) for event in list_events(one[2], name)]
         return Run(
             axes=command.axes,
@@ -155,35 +157,35 @@ class Runs:
             t=command.t,
             s=command.s,
             commanded=command.position,
-            executed=self._read(scenario, axes),
+            executed=sealed(np.stack(self._read(scenario, [table for table, _, _ in axes]), axis=1)),
             motor=sealed(np.stack([motor for _, motor, _ in axes], axis=1)),
             events=tuple(sorted(events, key=lambda event: (event.t, event.axis))),
         )
 
-    def executed(self, scenario: Scenario) -> Array:
-        """Return what a run has as `executed` (n, axes) [m], alone."""
-        return self._read(scenario, self._axes(scenario))
+    def tables(self, scenario: Scenario) -> list[Array]:
+        """Return the columns (n,) of what a run has as `executed` [m], alone; those of axes that are alike are one."""
+        return self._read(scenario, [self._table(*key) for key in self._keys(scenario)])
 
-    def _axes(self, scenario: Scenario) -> list[AxisRun]:
-        """Run every axis."""
+    def forget(self) -> None:
+        """Let go of the runs that are kept, where they take much."""
+        if KEPT * self._command.t.nbytes > SPACE:
+            self._run_axis.cache_clear()
+            self._table.cache_clear()
+
+    def _keys(self, scenario: Scenario) -> Iterator[tuple[int, Plant, int]]:
+        """Yield number, plant and first flank of every axis."""
         command, drives = self._command, self._machine.axes
-        return [
-            self._run_axis(
-                number,
-                plant_of(drives[name], scenario),
-                command.flanks.get(name) or first_flank(drives[name], scenario),
-            )
-            for number, name in enumerate(command.axes)
-        ]
+        for number, name in enumerate(command.axes):
+            flank = command.flanks.get(name) or first_flank(drives[name], scenario)
+            yield number, plant_of(drives[name], scenario), flank
 
-    def _read(self, scenario: Scenario, axes: Sequence[AxisRun]) -> Array:
-        """Return what is read of the tables (n, axes) [m]."""
+    def _read(self, scenario: Scenario, axes: Sequence[Array]) -> list[Array]:
+        """Return what is read of the tables, each (n,) [m]."""
         command = self._command
-        tables = {name: table for name, (table, _, _) in zip(command.axes, axes, strict=True)}
+        tables = dict(zip(command.axes, axes, strict=True))
         since = command.t - command.t[0]
         plants = (plant_of(self._machine.axes[name], scenario) for name in tables)
-        read = [read_table(plant, since, tables[name], tables) for name, plant in zip(tables, plants, strict=True)]
-        return sealed(np.stack(read, axis=1))
+        return [read_table(plant, since, tables[name], tables) for name, plant in zip(tables, plants, strict=True)]
 
     def _axis(self, number: int, plant: Plant, flank: int) -> AxisRun:
         trace = axis_command(self._command, number)

@@ -64,7 +64,7 @@ class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     def counted_distances(self, scenario: Scenario) -> Array:
         """Run a machine, and return the distance of its table from the path in the rows that count [m]."""
-        found = self.distances.errors(self.runs.executed(scenario))[self.counted]
+        found = self.distances.errors(self.runs.tables(scenario))[self.counted]
         self.errors[scenario] = contour_error(found)
         return found
 
@@ -76,8 +76,12 @@ class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     def simulate(self, scenario: Scenario) -> tuple[Run, Array]:
         """Run a machine, and return the distance of its table from the path in every row [m]."""
-        run = self.runs.of(scenario)
-        return run, self.distances.errors(run.executed)
+        return self.runs.of(scenario), self.distances.errors(self.runs.tables(scenario))
+
+    def forget(self) -> None:
+        """Let go of what later scenarios would be compared with, where that takes much."""
+        self.runs.forget()
+        self.distances.forget()
 
     def scenarios(self) -> tuple[Scenario, ...]:
         """Return what the machine file leaves open."""

@@ -68,8 +68,8 @@ def program_gap_error(
     bands = {one: _band(ways, rows, machine, one, _reach(cut)) for one in dict.fromkeys(map(_without_gap, tried))}
 
     def added(scenario: Scenario) -> ContourError | None:
-        table = cut.runs.executed(scenario)
-        found = bands[_without_gap(scenario)].errors(table[rows])
+        table = cut.runs.tables(scenario)
+        found = bands[_without_gap(scenario)].errors([column[rows] for column in table])
         return contour_error(np.minimum(found, cut.distances.errors(table)[rows]) if led else found)
 
     return max(run_scenarios(added, tried), key=lambda error: -1.0 if error is None else error.max)

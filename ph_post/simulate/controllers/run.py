@@ -291,5 +291,5 @@ def _command(position: Array, motion: IntArray, share: Array, steps: Array, mach
         s=sealed(np.cumsum(ways)),
         position=sealed(position[:, columns]),
         feed=sealed(ways / period),
-        window=np.full(count, -1, dtype=np.int64),
+        window=np.broadcast_to(np.int64(-1), count),
     )
