@@ -214,8 +214,18 @@ def _by_section(distance: Array, way: Array, sections: Sequence[PlaceArray]) -> 
         if rows.size:
             own = distance[rows]
             even = own[_evenly(way[rows])]
-            found[number] = own.max(), np.sqrt((own * own).mean()), np.quantile(own, 0.95), np.quantile(even, 0.95)
+            found[number] = own.max(), np.sqrt((own * own).mean()), percentile(own), percentile(even)
     return found
+
+
+def percentile(values: Array) -> float:
+    """Return the 95th percentile of values (n,), as numpy's quantile, which takes thirty times as long for few."""
+    at = 0.95 * (values.size - 1)
+    low = int(at)
+    high = min(low + 1, values.size - 1)
+    below, above = np.partition(values, (low, high))[[low, high]].tolist()
+    share, step = at - low, above - below
+    return float(above - step * (1.0 - share) if share >= 0.5 else below + step * share)
 
 
 def _evenly(way: Array) -> IntArray:
