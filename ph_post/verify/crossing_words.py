@@ -54,12 +54,13 @@ def check_crossing_words(case: VerifyCase, crossed: CrossedStretches, words: tup
         _check_breaks(case, change)
         _check_path_modes(case, change)
     broken = set(crossed.found.change[~crossed.fine].tolist())
+    extruder = _Extruder(case.original)
     for change in np.unique(crossed.found.change).tolist():
         if change not in broken:
             own = _Places(case, crossed, change)
             _check_halts(case, own)
             _check_commands(case, own, change, words)
-            _check_extrusion(case, own, change)
+            _check_extrusion(case, own, change, extruder)
 
 
 def _spans(case: VerifyCase, change: int) -> tuple[tuple[PartProgram, int, int], tuple[PartProgram, int, int]]:
@@ -304,12 +305,12 @@ def _commands_of(program: PartProgram, words: WordTable, first: int, last: int) 
     return sorted(found, key=lambda one: one[2])
 
 
-def _check_extrusion(case: VerifyCase, own: _Places, change: int) -> None:
+def _check_extrusion(case: VerifyCase, own: _Places, change: int, extruder: _Extruder) -> None:
     """Check that what is extruded up to each place of the original stays the same."""
     (one, *old), (other, *new) = _spans(case, change)
     if one.language.bound is None or not (_extrudes(one, old) or _extrudes(other, new)):
         return
-    start, relative = _extruder_before(one, old[0])
+    start, relative = extruder.before(old[0])
     before = _extruded(one, old, start, relative)
     blocks, _, end = own.ends(0)
     places = np.append(own.ends(1)[1][0], end)
@@ -335,15 +336,23 @@ def _extrudes(program: PartProgram, span: Any) -> bool:
     return _EXTRUDED.search(COMMENT.sub(b"", text)) is not None
 
 
-def _extruder_before(program: PartProgram, line: int) -> tuple[float, bool]:
-    """Return the extruder's place before a line, and true where E words are relative."""
-    text = program.data[: program.lines[line]]
-    modes = _RELATIVE.findall(text)
-    relative = bool(modes) and modes[-1] == b"3"
-    if relative:
-        return 0.0, True
-    words = _EXTRUDED.findall(COMMENT.sub(b"", text))
-    return (float(words[-1]) if words else 0.0), False
+class _Extruder:
+    """The extruder of a program, before lines that are asked for in order."""
+
+    def __init__(self, program: PartProgram) -> None:
+        self._program, self._read = program, 0
+        self._relative, self._place = False, 0.0
+
+    def before(self, line: int) -> tuple[float, bool]:
+        """Return the extruder's place before a line, and true where E words are relative."""
+        end = int(self._program.lines[line])
+        text = self._program.data[self._read : end]
+        self._read = end
+        for mode in _RELATIVE.findall(text)[-1:]:
+            self._relative = mode == b"3"
+        for word in _EXTRUDED.findall(COMMENT.sub(b"", text))[-1:]:
+            self._place = float(word)
+        return (0.0 if self._relative else self._place), self._relative
 
 
 def _extruded(program: PartProgram, span: Any, start: float, relative: bool) -> dict[int, float]:
