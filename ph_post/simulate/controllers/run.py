@@ -7,6 +7,7 @@ What the controller is like, its planner says: :class:`ph_post.types.planner.Exa
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Final, TypeVar
 
 import numpy as np
@@ -110,8 +111,16 @@ class PlannedRun:
         self._planner = planner_of(machine) if planner is None else planner
         self._exact: ExactRun | None = None
         self._periods: int | None = None
-        if isinstance(self._planner, ExactPath):
-            limits, period = limit_table(machine), machine.servo_period
+        self._moves: Legs | None = None
+        limits, period = limit_table(machine), machine.servo_period
+        if isinstance(self._planner, RoundedPath):
+            moves, least = _moves(self._program, limits, self._planner, period)
+            if least > longest:
+                rows = _rows(*_planned(moves, limits, period), period, self._program)
+                self._periods = sum(motion.size for _, motion, _ in rows) + SMOOTHING.size - 2
+            else:
+                self._moves = moves
+        else:
             blocks = _blocks(self._program, limits, self._planner, period, longest)
             if blocks.length.size and not blocks.start.size:
                 corners = corner_limits(blocks, self._planner, limits)
@@ -123,20 +132,19 @@ class PlannedRun:
 
     @property
     def time(self) -> float | None:
-        """Time of the last row [s]; None where only the rows say."""
+        """Time of the last row [s]; None where the rows say, which are not too many."""
         return None if self._periods is None else self._periods * self._machine.servo_period
 
     def command(self, *, meet_turns: bool = False) -> Command:
         """Return the rows, as :func:`run_program`."""
         machine, program, planner, period = self._machine, self._program, self._planner, self._machine.servo_period
-        if self._exact is None and self._periods is not None:
+        if self._exact is None and self._moves is None:
             return PlannedRun(program, machine, planner).command(meet_turns=meet_turns)
         if self._exact is not None:
             meet_turns = meet_turns and not any(response_time(axis.servo) for axis in machine.axes.values())
             return _command(*exact_rows(self._exact, period, meet_turns=meet_turns), machine)
-        assert isinstance(planner, RoundedPath)
-        limits = limit_table(machine)
-        moves = _planned(_moves(program, limits, planner, period), limits, period)
+        assert self._moves is not None
+        moves, self._moves = _planned(self._moves, limit_table(machine), period), None
         position, motion, share = _run(*moves, period, program)
         return _command(position, *own_moves(program, motion, share), steps_of(position), machine)
 
@@ -227,33 +235,41 @@ def _part_of(program: PartProgram, first: int, last: int) -> PartProgram:
     return replace(program, motions=Motions(**own, control=control, nurbs=nurbs))
 
 
-def _moves(program: PartProgram, limits: Array, planner: RoundedPath, period: float) -> Legs:
-    """Return the moves that LinuxCNC's planner gets, if they are not too long to run."""
+def _moves(program: PartProgram, limits: Array, planner: RoundedPath, period: float) -> tuple[Legs, float]:
+    """Return the moves that LinuxCNC's planner gets, if they are not too long to run, and their least time [s]."""
     moves = moves_of(program, limits, planner)
     with np.errstate(divide="ignore"):
-        check_duration(program, moves.motion, moves.length / moves.speed + moves.pause, period)
-    return moves
+        took = moves.length / moves.speed + moves.pause
+    check_duration(program, moves.motion, took, period)
+    return moves, float(took.sum())
 
 
 AnyArray = TypeVar("AnyArray", Array, IntArray)
 Rows = tuple[Array, IntArray, Array]
 
 
-def _run(legs: Array, table: Array, period: float, program: PartProgram) -> Rows:
-    """Position, motion and share of every period, as far as the bounds go: accelerations may make a run longer."""
+def _rows(legs: Array, table: Array, period: float, program: PartProgram) -> Iterator[Rows]:
+    """Yield position, motion and share of every period, as far as bounds go: accelerations may make a run longer."""
     count = len(legs)
     pause = legs[:, PAUSE]
     dwell = np.ceil(pause / period - 1e-6) + DWELL
     rests = np.where(pause > 0.0, dwell, legs[:, DRAINS] * DRAINED).astype(np.int64)
     state = np.array([*_beginning(legs), 0.0, -1.0])
     rests[:1] = 0
-    leg, parts = 0, [(_beginning(legs)[None, :], np.array([-1]), np.zeros(1))]
+    leg, parts = 0, 1
+    yield _beginning(legs)[None, :], np.array([-1]), np.zeros(1)
     while leg < count:
         part = (np.empty((ROOM, 3)), np.empty(ROOM, dtype=np.int64), np.empty(ROOM))
         leg, filled = run_legs(legs, table, count, period, rests, leg, state, *part)
-        parts.append((part[0][:filled], part[1][:filled], part[2][:filled]))
-        if leg < count and len(parts) * ROOM > MOST_SAMPLES:
+        yield part[0][:filled], part[1][:filled], part[2][:filled]
+        parts += 1
+        if leg < count and parts * ROOM > MOST_SAMPLES:
             refuse_run(program, legs[leg, MOTION], period)
+
+
+def _run(legs: Array, table: Array, period: float, program: PartProgram) -> Rows:
+    """Return position, motion and share of every period, positions as the joints interpolate them."""
+    parts = list(_rows(legs, table, period, program))
     position, motion, share = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     parts.clear()  # as large as all else here
     behind = SMOOTHING.size - 1

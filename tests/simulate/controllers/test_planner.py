@@ -16,7 +16,7 @@ from ph_post.geometry.closest import closest_within
 from ph_post.simulate.controllers.cut_path import CutPath, pieces_of
 from ph_post.simulate.controllers.deviation import program_error
 from ph_post.simulate.controllers.moves import linking_of, moved_axes, tolerance_of
-from ph_post.simulate.controllers.run import DRAINED, DWELL, SMOOTHING, run_program
+from ph_post.simulate.controllers.run import DRAINED, DWELL, SMOOTHING, PlannedRun, run_program
 from ph_post.types import Command, Machine, PlannerSettings
 
 ROUTER = read_machine("router")
@@ -62,6 +62,14 @@ def test_a_spindle_word_stops_the_axes() -> None:
     steady, stopped = (run(ROUTER, "G1 X10 F600", word, "X20") for word in ("(M3)", "M3 S100"))
     ramps = 0.01 / (0.5 * ROUTER.axes["X"].limits.acceleration) / ROUTER.servo_period
     assert periods(stopped) - periods(steady) == pytest.approx(2 * ramps / 2 + DRAINED, abs=4)
+
+
+def test_the_time_is_that_of_the_last_row_where_rows_are_only_counted() -> None:
+    part = program("G1 X10 F600", "G4 P0.1", "M3 S100", "Y20", "G0 X0 Y0")
+    whole = run_program(part, ROUTER)
+    counted = PlannedRun(part, ROUTER, longest=0.5 * float(whole.t[-1]))
+    assert counted.time == whole.t[-1]
+    assert np.array_equal(counted.command().position, whole.position)
 
 
 def test_arcs_keep_a_share_of_the_acceleration_across() -> None:
