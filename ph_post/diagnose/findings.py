@@ -15,7 +15,15 @@ from ph_post.diagnose.fit import FittedModel, ModelPart, covariance, fit_model, 
 from ph_post.diagnose.hypotheses import OF_THE_AXIS
 from ph_post.diagnose.hypotheses.drives import BACKLASH
 from ph_post.diagnose.search import with_noise
-from ph_post.diagnose.selection import ModelChoice, instead, is_short, rows_to_tell, without
+from ph_post.diagnose.selection import (
+    TIMING,
+    ModelChoice,
+    PartConfidence,
+    instead,
+    is_short,
+    rows_to_tell,
+    without,
+)
 from ph_post.diagnose.sides import HELD, SidesGap, gap_between
 from ph_post.drive.axes import backlash_varies
 from ph_post.drive.effects.base import Effect, Parameter
@@ -312,7 +320,7 @@ def findings_of(
                 where=where.get(label, ""),
                 evidence=(
                     *evidence.get(label, ()),
-                    *_too_short(problem, found.part),
+                    *_too_short(problem, found.part, standing),
                     *_other_kinds(problem, standing.kinds),
                 ),
                 confidence=min(standing.confidence, 0.999),
@@ -328,9 +336,9 @@ def findings_of(
     return tuple(findings)
 
 
-def _too_short(problem: AxisProblem, part: ModelPart) -> Iterator[str]:
+def _too_short(problem: AxisProblem, part: ModelPart, standing: PartConfidence) -> Iterator[str]:
     """Yield that a delay or a filter is too short for the rows of a log to tell which it is, and how many would."""
-    if is_short(problem, part):
+    if is_short(problem, part) and not TIMING.isdisjoint(standing.rivals):
         rows, needed = round(1.0 / problem.period), float(f"{1.1 * rows_to_tell(part):.2g}")
         yield (
             f"{rows:,} rows a second do not tell a filter and a delay apart that are so short, whatever the drive does"

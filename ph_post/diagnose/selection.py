@@ -14,7 +14,16 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.fit import FittedModel, Model, ModelPart, base_model, fit_model, plant_at, residuals_of
+from ph_post.diagnose.fit import (
+    FittedModel,
+    Model,
+    ModelPart,
+    base_model,
+    fit_model,
+    log_likelihood,
+    plant_at,
+    residuals_of,
+)
 from ph_post.diagnose.hypotheses import hypotheses
 from ph_post.diagnose.hypotheses.base import Hypothesis, Numbers
 from ph_post.diagnose.hypotheses.drives import BACKLASH, FILTERS, far_servo, numbers_to
@@ -24,6 +33,7 @@ from ph_post.diagnose.hypotheses.forces import (
     NEARLY_BY_SPEED,
     REFERENCE_FEED,
 )
+from ph_post.diagnose.hypotheses.readings import LATE_COMMAND
 from ph_post.diagnose.search import (
     BENT,
     PRICE,
@@ -43,6 +53,7 @@ from ph_post.diagnose.search import (
 )
 from ph_post.diagnose.sides import gap_between
 from ph_post.drive.plant import Plant, base_value
+from ph_post.identify.between import courses_between
 from ph_post.identify.cascade_fit import roughly_fitted
 from ph_post.identify.drive_fit import position_rms
 from ph_post.identify.free_run import AxisProblem, correlation_inflation, residuals, split_evenly, with_known_side
@@ -72,11 +83,17 @@ LATE: Final = {"moving_average": 0.5}
 """By how much of its length a filter makes a command late, where that is not all of it."""
 
 TOLD: Final = 0.5
-"""Square of rows by which a filter has to smear a command to be told from a delay: three times what straight lines
-between rows do (1/6), as nobody knows what a drive does there."""
+"""Square of rows by which a filter smears a command that is told from a delay by most logs: three times what straight
+lines between rows do (1/6), as nobody knows what a drive does there."""
 
 TOLD_LAID: Final = 4.0 / 3.0
-"""The same where rows are farther apart than those of a drive, and the command is laid between them."""
+"""The same that it has to where rows are farther apart than those of a drive, and the command is laid between them."""
+
+NEAR_ROWS: Final = 4.0 * TOLD
+"""The same from which on it does not matter what a drive does between its rows."""
+
+LEAST_LATE: Final = 0.1
+"""Rows by which a filter makes a command late at least that a fit is begun from."""
 
 MISSED: Final = 10.0
 """Times the noise that a file leaves whose servo may be far off."""
@@ -127,11 +144,11 @@ class ModelChoice(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def choose(problem: AxisProblem, progress: Progress) -> ModelChoice:
     """Find what is missing from one axis."""
     problem = with_known_side(problem)
-    found = _choose_there(problem, progress)
+    found = _as_told_between_rows(_choose_there(problem, progress))
     if problem.side != "unknown" or not problem.has("act") or not found.fitted.model.parts:
         return found
     # The side was decided without what is missing: a long filter hides a backlash from it, and then needs it as a name.
-    other = _choose_there(replace(problem, at_motor=not problem.at_motor), progress)
+    other = _as_told_between_rows(_choose_there(replace(problem, at_motor=not problem.at_motor), progress))
     return _leaner(found, other)
 
 
@@ -463,7 +480,7 @@ def _as_late(problem: AxisProblem, last: FittedModel, number: int) -> list[tuple
     part = last.model.parts[number]
     if part.hypothesis.name not in TIMING:
         return []
-    late = part.numbers[0] * LATE.get(part.hypothesis.variant, 1.0)
+    late = _lateness(part)
     less = without_part(last.model, number)
     found = []
     for one in hypotheses(problem):
@@ -499,8 +516,78 @@ def _smear(part: ModelPart) -> float:
     return {"moving_average": square / 12.0, "exponential_filter": square}.get(part.hypothesis.variant, square / 6.0)
 
 
+def _as_told_between_rows(choice: ModelChoice) -> ModelChoice:
+    """Hold a short delay or filter against the others, each with what suits it best between the rows of the command.
+
+    Lines, a smooth curve and steps smear a command as a filter of a row or two does. Nobody knows which of them a drive
+    makes, so that a name has to explain the log better than every other by whichever, and each is sized by its own.
+    """
+    problem, parts, choosable = choice.problem, choice.fitted.model.parts, 0
+    number = next((k for k, part in enumerate(parts) if _rests_on_rows(problem, part)), None)
+    names = {one.name for one in hypotheses(problem)} & TIMING
+    if number is None or len(names) < 2:
+        return choice
+    part, was = parts[number], choice.standings[number]
+    labels = {LATE_COMMAND.label, part.hypothesis.label, *(one.label for one in FILTERS)}
+    tried = [one for one in hypotheses(problem) if one.label in labels]
+    fits: list[tuple[AxisProblem, FittedModel]] = []
+    for course in courses_between(problem.command):
+        laid, late = replace(problem, fine=course.rows), _lateness(part) - course.late * problem.period
+        fits += [(laid, _made_late(laid, choice.fitted.model, number, one, late)) for one in tried]
+        if not course.late:  # of one that is late no file would say so: it is allowed for, and not chosen
+            choosable = len(fits)
+    gains = [log_likelihood(problem, fitted.left, problem.held) for _, fitted in fits]
+    best = int(np.argmax(gains[:choosable]))
+    laid, fitted = fits[best]
+    best_part = fitted.model.parts[number]
+    base = fit_model(laid, choice.stages[0].model, problem.fit)
+    less = base if len(parts) == 1 else fit_model(laid, without_part(fitted.model, number), problem.fit)
+    worth = correlation_inflation(problem, fitted.left, problem.held)
+    margin = _margin(laid, fitted, score_over(laid, less, fitted)) * worth
+    equal = [one.model.parts[number] for (_, one), gain in zip(fits, gains, strict=True) if gain > gains[best] - margin]
+    rivals = [*(one.hypothesis.name for one in equal), *(one for one in was.rivals if one not in TIMING)]
+    kinds = {one.hypothesis.label: one for one in reversed(equal) if one.hypothesis.name == best_part.hypothesis.name}
+    kinds.pop(best_part.hypothesis.label)
+    standing = replace(
+        was,
+        rivals=tuple(one for one in dict.fromkeys(rivals) if one != best_part.hypothesis.name),
+        kinds=tuple(kinds.values()),
+        better=None,
+    )
+    return replace(
+        choice,
+        problem=laid,
+        stages=tuple(_restage(laid, fitted, base)),
+        standings=(*choice.standings[:number], standing, *choice.standings[number + 1 :]),
+    )
+
+
+def _lateness(part: ModelPart) -> float:
+    """Return by how much a delay or a filter makes a command late [s]."""
+    return part.numbers[0] * LATE.get(part.hypothesis.variant, 1.0)
+
+
+def _made_late(problem: AxisProblem, model: Model, number: int, one: Hypothesis, late: float) -> FittedModel:
+    """Fit a delay or a filter in the place of a part of a model, begun from one that is so late [s].
+
+    The base values begin as they are or as the file has them, whichever leave less.
+    """
+    part = ModelPart(hypothesis=one, numbers=(max(late, LEAST_LATE * problem.period) / LATE.get(one.variant, 1.0),))
+    put = replace(model, parts=(*model.parts[:number], part, *model.parts[number + 1 :]))
+    start = min((put, at_file(put)), key=lambda model: position_rms(problem, residuals_of(problem, model), problem.fit))
+    return fit_model(problem, start, problem.fit)
+
+
+def _rests_on_rows(problem: AxisProblem, part: ModelPart) -> bool:
+    """Return whether what a delay or a filter is called may rest on what a drive does between the rows of a log."""
+    return part.hypothesis.name in TIMING and problem.parts == 1 and _smear(part) <= NEAR_ROWS * problem.period**2
+
+
 def is_short(problem: AxisProblem, part: ModelPart) -> bool:
-    """Return whether a delay or a filter is so short that it rests on what a command does between its rows."""
+    """Return whether a delay or a filter is so short that most logs do not tell which it is.
+
+    It rests on what a drive does between the rows of its command, or on what is laid between rows that are far apart.
+    """
     if part.hypothesis.name not in TIMING:
         return False
     return _smear(part) <= (TOLD if problem.parts == 1 else TOLD_LAID) * (problem.period / problem.parts) ** 2
@@ -522,6 +609,6 @@ def _equals(
         for one in ranking
         if one.score > mine - margin and one.hypothesis.name != name and name not in one.hypothesis.within
     ]
-    if is_short(problem, part):
+    if problem.parts > 1 and is_short(problem, part):
         found += [one.name for one in hypotheses(problem) if one.name in TIMING and one.name != name]
     return tuple(dict.fromkeys(found))

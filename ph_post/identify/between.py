@@ -13,7 +13,7 @@ References
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,9 @@ FINE: Final = 1.0 * MS
 
 STRAIGHT: Final = 1.5 * MS
 """Period up to which the command is taken as straight between rows [s]."""
+
+STEPS_LATE: Final = 0.5
+"""Rows by which a command in steps is late."""
 
 ORDERS: Final = (4.0, 16.0)
 """By how much an error falls at least, and at most, where the period is halved."""
@@ -71,6 +74,58 @@ def refined(command: Array, parts: int) -> Array:
     step, first, last = (one[:, None] for one in (np.diff(command), slope[:-1], slope[1:]))
     cubic = command[:-1, None] + u * (first + u * ((3.0 * step - 2.0 * first - last) + u * (first + last - 2.0 * step)))
     return sealed(np.append(cubic, command[-1]))
+
+
+class CourseBetween(NamedTuple):
+    """What a drive may make of a command between its rows: `rows` (n,) to go straight between, `late` by so many."""
+
+    rows: Array
+    late: float
+
+
+def courses_between(command: Array) -> tuple[CourseBetween, ...]:
+    """Return a command as a drive may follow it between its rows: along straight lines, a smooth curve, in steps.
+
+    A smooth curve lies h² Ẍ/12 below the lines through its rows, in the mean over the time h from row to row: so much
+    lower are rows to go straight between. Steps are half a row late, and half as far from the curve as the lines.
+
+    Examples
+    --------
+    >>> [course.rows[3:5] for course in courses_between(6.0 * np.arange(8.0) ** 2)]
+    [array([54., 96.]), array([53., 95.]), array([37., 73.])]
+    """
+    below = np.zeros_like(command)
+    below[1:-1] = np.diff(command, 2) / 12.0
+    steps = delayed(command - 0.5 * below, STEPS_LATE)
+    return (
+        CourseBetween(command, 0.0),
+        CourseBetween(sealed(command - below), 0.0),
+        CourseBetween(sealed(steps), STEPS_LATE),
+    )
+
+
+def delayed(values: Array, samples: float) -> Array:
+    """Return values as they were so many samples before, by cubics through four neighbours.
+
+    Straight lines between samples would cut the corners of a delay that is a part of a sample by more than
+    good sensors read. Before the first there is the first.
+    """
+    if samples == 0.0:
+        return values
+    whole = int(np.floor(samples))
+    u = 1.0 - (samples - whole)
+    # Of the samples whole + 2, whole + 1, whole and whole - 1 before, u from the second to the third.
+    weights = (
+        -u * (u - 1.0) * (u - 2.0) / 6.0,
+        (u * u - 1.0) * (u - 2.0) / 2.0,
+        -u * (u + 1.0) * (u - 2.0) / 2.0,
+        u * (u * u - 1.0) / 6.0,
+    )
+    rows = np.arange(values.size)
+    found = np.zeros(values.size)
+    for back, weight in zip((2, 1, 0, -1), weights, strict=True):
+        found += weight * values[np.clip(rows - whole - back, 0, values.size - 1)]
+    return found
 
 
 def interpolation_error(command: Array, period: float) -> Array:

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from ph_post.drive.effects.active import plant_of
 from ph_post.drive.plant import Plant, read_table
-from ph_post.identify.between import parts_between, refined
+from ph_post.identify.between import delayed, parts_between, refined
 from ph_post.simulate.machine import NOMINAL_SCENARIO, AxisCommand, cutting_force, first_flank, run_plant
 from ph_post.types import Array, Axis, AxisLog, BoolArray, Log
 from ph_post.types.diagnosis import Channel, LogQuality, recorded_channels
@@ -263,30 +263,6 @@ def with_known_side(problem: AxisProblem) -> AxisProblem:
     left = [residuals(one, one.plant, True)["act"][use] for one in (problem, motor)]
     table_off, motor_off = (np.sum((one - basis @ (basis.T @ one)) ** 2) for one in left)
     return motor if motor_off < table_off else problem
-
-
-def delayed(values: Array, samples: float) -> Array:
-    """Return values as they were so many samples before, by cubics through four neighbours.
-
-    Straight lines between samples would cut the corners of a delay that is a part of a sample by more than
-    good sensors read. Before the first there is the first.
-    """
-    if samples == 0.0:
-        return values
-    whole = int(np.floor(samples))
-    u = 1.0 - (samples - whole)
-    # Of the samples whole + 2, whole + 1, whole and whole - 1 before, u from the second to the third.
-    weights = (
-        -u * (u - 1.0) * (u - 2.0) / 6.0,
-        (u * u - 1.0) * (u - 2.0) / 2.0,
-        -u * (u + 1.0) * (u - 2.0) / 2.0,
-        u * (u * u - 1.0) / 6.0,
-    )
-    rows = np.arange(values.size)
-    found = np.zeros(values.size)
-    for back, weight in zip((2, 1, 0, -1), weights, strict=True):
-        found += weight * values[np.clip(rows - whole - back, 0, values.size - 1)]
-    return found
 
 
 def residuals(problem: AxisProblem, plant: Plant, origin_free: bool = True) -> dict[Channel, Array]:

@@ -103,6 +103,12 @@ def test_a_filter_as_long_as_the_loop_makes_of_its_feed_forward_is_ambiguous() -
     assert {first["name"], *first["ambiguous_with"]} == {"servo_mismatch", "command_filter"}
 
 
+@pytest.mark.slow
+def test_a_filter_of_two_rows_is_named_where_no_course_between_them_makes_a_delay_of_it() -> None:
+    """2.18 ms: along straight lines a delay explains the log better, by 130 nats, and a smooth curve the filter by 150."""
+    is_named_and_sized("command_filter", "act+motor+force", "cascade-load", 9003)
+
+
 @pytest.mark.parametrize(("name", "seed"), [("hum", 0), ("loading", 4)])
 @pytest.mark.thinned(4)
 def test_what_no_name_explains_is_unknown_and_adds_nothing(name: str, seed: int) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ph_post.identify.between import interpolation_error, parts_between, refined
+from ph_post.identify.between import courses_between, interpolation_error, parts_between, refined
 from ph_post.identify.linear_drive import drive_response
 from ph_post.types import Servo
 
@@ -48,3 +48,20 @@ def test_a_drive_answers_slow_rows_as_it_does_the_curve(period: float) -> None:
     true = (refined(size * np.sin(rate * t), 10) - size * np.sin(rate * fine))[500:-500]
     said = interpolation_error(size * np.sin(rate * t), period)[50:-50]
     assert 0.3 * np.std(true) < np.std(said) < 5.0 * np.std(true)
+
+
+def test_rows_stand_for_a_smooth_curve_and_for_steps_by_their_answers() -> None:
+    """In cycles long beside a row: steps are the curve through a moving average of a row."""
+    b, c, rate, size, period = 1e-4, 6e-3, 2.0 * np.pi * 8.0, 0.01, 1e-3
+    t = period * np.arange(3000)
+    gain = 1.0 / (1.0 - b * rate**2 + 1j * c * rate)
+    late = np.sinc(0.5 * rate * period / np.pi) * np.exp(-0.5j * rate * period)
+    lines, curve, steps = courses_between(size * np.sin(rate * t))
+    for course, true in ((curve, gain), (steps, gain * late)):
+        found = drive_response(course.rows, Servo(b=b, c=c), period)
+        apart = (found - size * np.imag(true * np.exp(1j * rate * t)))[1000:-5]
+        assert np.max(np.abs(apart)) < 5e-9
+    assert lines.late == curve.late == 0.0
+    assert steps.late == 0.5
+    apart = drive_response(lines.rows, Servo(b=b, c=c), period) - size * np.imag(gain * np.exp(1j * rate * t))
+    assert np.max(np.abs(apart[1000:-5])) == pytest.approx(size * abs(gain) * (rate * period) ** 2 / 12.0, rel=0.02)
