@@ -36,6 +36,7 @@ from ph_post.diagnose.hypotheses.forces import (
 from ph_post.diagnose.hypotheses.readings import LATE_COMMAND
 from ph_post.diagnose.search import (
     BENT,
+    FLOOR,
     PRICE,
     HypothesisSearch,
     ScoredHypothesis,
@@ -207,7 +208,8 @@ def _nearer_servo(problem: AxisProblem, base: FittedModel, progress: Progress) -
     )
     left = position_rms(problem, residuals(problem, rough), problem.held)
     known = problem if sides is None else replace(problem, plant=replace(problem.plant, gap=sides.width))
-    if far < FAR or left > NEARER * off or _left_by_filters(known, base) < left:
+    # A filter, of one number, that leaves noise alone is no worse than a servo of five that leaves a little less.
+    if far < FAR or left > NEARER * off or _left_by_filters(known, base) < max(left, FLOOR * problem.noise_floor):
         return None
     return numbers_to(problem, rough)
 

@@ -109,6 +109,12 @@ def test_a_filter_of_two_rows_is_named_where_no_course_between_them_makes_a_dela
     is_named_and_sized("command_filter", "act+motor+force", "cascade-load", 9003)
 
 
+@pytest.mark.slow
+def test_a_filter_that_leaves_noise_alone_is_not_taken_for_another_servo_of_more_numbers() -> None:
+    """An exponential one of 1.87 ms: with K_v, ω_v and T_n far off and half the feed forward as little is left."""
+    is_named_and_sized("command_filter", "act", "cascade", 12001)
+
+
 @pytest.mark.parametrize(("name", "seed"), [("hum", 0), ("loading", 4)])
 @pytest.mark.thinned(4)
 def test_what_no_name_explains_is_unknown_and_adds_nothing(name: str, seed: int) -> None:
