@@ -88,7 +88,7 @@ From rest it is two, both with the acceleration of the axis. On more the motor t
 BESIDE: Final = 4
 """Changes before and behind a rest of which it is looked whether they use it: no more can be at its ends."""
 
-BEAM_COARSER: Final = (2.0, 4.0, 8.0)
+BEAM_COARSER: Final = (2.0, 4.0, 8.0, 16.0, 23.0)
 """Multiples of the least error that a crossing with a beam on is given before it is left alone."""
 
 
@@ -319,8 +319,11 @@ class SpotSearch:
         """
         ground, (wait, late, crossing), (error, most, finest) = self._ground, times, errors
         window, turning = np.zeros((spots.at.size, 5)), turning.copy()
-        # A beam is not slowed down: a coarser crossing has to do.
+        # A beam is not slowed down, nor does it stop where that burns: a coarser crossing has to do.
         lit = ground.beam.is_beam & ground.beam.works.on[motion]
+        burns = turning & lit & ground.beam.works.burns[motion]
+        burns[burns] = ~self._stops_burn_little(spots, np.flatnonzero(burns))
+        unfit, shortest = np.zeros(turning.size, dtype=np.bool_), shortest_block(spots.feed)
         push = np.array([ground.turning_push(name) for name in AXES])[spots.column]
         which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, wait)
         wanted[ground.lag[spots.column] >= SHORT_LAG] = 0
@@ -341,16 +344,13 @@ class SpotSearch:
                     wanted[which],
                     push[which],
                 )
+            unfit = window[:, 1] - window[:, 0] < NEARLY * shortest
+            unfit |= window[:, 2] * crossing < 0.25 * shortest
             slowed = turning & lit & (window[:, 2] < AT_SPEED * spots.feed)
-            which = np.flatnonzero(slowed)
+            which = np.flatnonzero(slowed | (turning & burns & unfit))
             if number == len(BEAM_COARSER):
                 turning &= ~slowed
-        if turning.any():
-            shortest = shortest_block(spots.feed)
-            short = window[:, 1] - window[:, 0] < NEARLY * shortest
-            slow = window[:, 2] * crossing < 0.25 * shortest
-            turning &= ~(short | slow)
-        return turning, window
+        return turning & ~unfit, window
 
     def _on_chords(self, spots: Spots, may: BoolArray, wait: Array, turning: BoolArray, window: Array) -> None:
         """Add the windows of changes on arcs of contours with cutter compensation to those near turning points."""
@@ -475,6 +475,15 @@ class SpotSearch:
         way = np.zeros((which.size, len(AXES)))
         way[np.arange(which.size), spots.column[which]] = spots.rows[which, SIGN] * lost
         return self._ground.burns_little(spots.at[which], along, way, spots.feed[which] * (1.0 + RAISED * lost / along))
+
+    def _stops_burn_little(self, spots: Spots, which: IntArray) -> BoolArray:
+        """Return whether a beam may stay on in stops (n,) in which an axis alone crosses its backlash."""
+        axes = [self._ground.machine.axes[AXES[n]] for n in spots.column[which].tolist()]
+        lost, push = np.array([(axis.gap.lost_motion, axis.limits.acceleration) for axis in axes]).reshape(-1, 2).T
+        way = np.zeros((which.size, len(AXES)))
+        way[np.arange(which.size), spots.column[which]] = spots.rows[which, SIGN] * lost
+        speed = np.minimum(spots.feed[which], np.sqrt(push * lost))
+        return self._ground.burns_little(spots.at[which], np.zeros(which.size), way, speed)
 
     @staticmethod
     def _shared(spots: Spots, which: IntArray, rests: Array) -> BoolArray:

@@ -524,3 +524,19 @@ def test_nothing_speaks_of_cutters_where_none_cuts(text: str, machine: Machine) 
     assert "friction" in said
     for word in ("climb", "cutter", "mill", "plunge", "against the cut"):
         assert word not in said
+
+
+def test_where_a_stop_burns_a_coarser_crossing_has_to_do() -> None:
+    """A facet turns by 19 degrees at 58 mm/s: what a crossing leaves there is no reason to leave all behind it."""
+    cut = "G1 X12.5 Y9 S800 F3500\nG1 X12.4 Y9.6\nG1 X12.5 Y10.2\nG1 X12.8 Y10.7\nG1 X14 Y20\n"
+    text = laser(cut, "M3").replace("G0 X10 Y10", "G0 X20 Y5")
+    found = compensated(text, stepper())
+    assert not any("would burn" in said for said in found.edits.warnings)
+    path = [move for move in interpret(text, BEGINS[0]) if move.mode]
+    errors = []
+    for one in (text, found.text.decode()):
+        done = run(interpret(one, BEGINS[0]))
+        cuts = np.isin(done.owner, [n for n, move in enumerate(interpret(one, BEGINS[0])) if move.mode])
+        off = [distance(table[cuts], path) for table in tables(done.motor, GAPS, (0, 0, 0))]
+        errors.append(max(float(np.sqrt((one * one).mean())) for one in off))
+    assert 5.0 * errors[1] < errors[0], errors
