@@ -155,7 +155,8 @@ def compiled(function: F) -> F:
 
 
 def _entry(function: F, *, cache: bool) -> F:
-    fast: Any = njit(cache=cache, nogil=True, error_model="numpy")(function)
+    compile_fast: Any = njit  # numba's type hints leave an option out
+    fast: Any = compile_fast(cache=cache, nogil=True, error_model="numpy", _nrt=True)(function)
     if cache:
         _keep(fast)
     return cast("F", fast)
@@ -280,14 +281,44 @@ def inner(function: F) -> F:
 
     It gets no way in from Python: that saves a third of the time that compiling takes.
     """
-    compile_bare: Any = njit  # numba's type hints leave the two options out
-    bare: Any = compile_bare(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    return _bare(function, counts=True)
+
+
+def lean(function: F) -> F:
+    """Compile a function as :func:`inner` does that makes no array, and returns none: numba counts no references in it.
+
+    To count those to arrays that it is given takes a short function longer than what it does.
+    """
+    return _bare(function, counts=False)
+
+
+def _bare(function: F, *, counts: bool) -> F:
+    compile_bare: Any = njit  # numba's type hints leave the options out
+    # A function that does not say whether it counts does as the one that calls it.
+    bare: Any = compile_bare(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=counts)(function)
     called = bare.get_call_template
     plain: Any = kinds.unliteral
 
     def call_template(args: Any, named: Any) -> Any:
         """Look up a call: a constant, as a loop begins with, is a number like those that follow."""
-        return called([plain(one) for one in args], {key: plain(one) for key, one in named.items()})
+        found = called([plain(one) for one in args], {key: plain(one) for key, one in named.items()})
+        if not counts:
+            for made in bare.overloads.values():
+                _require_no_array(function, made)
+        return found
 
     bare.get_call_template = call_template
     return cast("F", bare)
+
+
+def _require_no_array(function: Callable[..., Any], made: Any) -> None:
+    """Refuse a function that counts no references, and has to: nobody would give back an array that it makes."""
+    calls = made.type_annotation.calltypes.items() if made.type_annotation is not None else ()
+    given = [sign.return_type for call, sign in calls if getattr(call, "op", "") == "call"]
+    if any(_has_array(kind) for kind in (made.signature.return_type, *given)):
+        raise TypeError(f"{function.__module__}.{function.__name__} makes or returns an array: it cannot be lean")
+
+
+def _has_array(kind: Any) -> bool:
+    parts: Any = kind if isinstance(kind, kinds.BaseTuple) else ()
+    return isinstance(kind, kinds.Array) or any(_has_array(part) for part in parts)

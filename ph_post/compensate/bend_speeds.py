@@ -22,7 +22,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, lean
 from ph_post.types import Array
 
 FIRST: Final = 1e-2
@@ -208,7 +208,7 @@ def _descend(known: Any, rows: Any, scale: Any, highest: Any, width: Any, weight
     return here
 
 
-@inner
+@lean
 def _cell_time(first: Any, last: Any, width: Any) -> Any:
     """Return the time of a cell by b at its ends, and the sum of the speeds there.
 
@@ -218,7 +218,7 @@ def _cell_time(first: Any, last: Any, width: Any) -> Any:
     return (3.0 if first == 0.0 or last == 0.0 else 2.0) * width / total, total
 
 
-@inner
+@lean
 def _value(b: Any, rows: Any, scale: Any, highest: Any, width: Any, weight: Any) -> Any:
     """Evaluate the logarithm of the time and the barrier; infinite where a limit is broken."""
     time, barrier = 0.0, 0.0
@@ -244,7 +244,7 @@ def _value(b: Any, rows: Any, scale: Any, highest: Any, width: Any, weight: Any)
     return math.log(time) - weight * barrier
 
 
-@inner
+@lean
 def _add_time(b: Any, width: Any, slope: Any, bands: Any) -> None:
     """Add the time's logarithm to its slope (n + 2,) and to the diagonals of a positive matrix for its curvature.
 
@@ -265,7 +265,7 @@ def _add_time(b: Any, width: Any, slope: Any, bands: Any) -> None:
             bands[1, k] += 0.25 / math.sqrt(b[k] * b[k + 1]) * again
 
 
-@inner
+@lean
 def _add_barrier(b: Any, rows: Any, scale: Any, highest: Any, weight: Any, slope: Any, bands: Any) -> None:
     """Add the barrier to the slope and the diagonals of :func:`_add_time`."""
     for k in range(highest.size):
@@ -303,7 +303,7 @@ def _add_barrier(b: Any, rows: Any, scale: Any, highest: Any, weight: Any, slope
         bands[2, k] += weight * across
 
 
-@inner
+@lean
 def _solve_banded(bands: Any, slope: Any, step: Any) -> Any:
     """Put in the step, matrix · step = -slope, by L D Lᵀ in place of the matrix; false where that is not positive."""
     n = slope.size

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.strategies.registry import PLAIN
-from ph_post.compiling import compiled, inner, read_only
+from ph_post.compiling import compiled, inner, lean, read_only
 from ph_post.geometry.bernstein import integrate
 from ph_post.geometry.track import Track
 from ph_post.types import Array, Command, IntArray, Phase, Plan, frozen
@@ -166,14 +166,14 @@ def _phase_at(start: Any, t: Any, near: Any) -> Any:
     return max(np.searchsorted(start, t, side="right") - 1, 0)
 
 
-@inner
+@lean
 def _within(t: Any, start: Any, duration: Any) -> Any:
     """Return the part of a phase at an instant, from 0 to 1."""
     tau = (t - start) / duration
     return 0.0 if tau < 0.0 else (1.0 if tau > 1.0 else tau)
 
 
-@inner
+@lean
 def _fill(powers: Any, tau: Any, most: Any) -> None:
     """Put in the powers of τ and of 1 - τ, from 0 to the highest that is wanted."""
     powers[:, 0] = 1.0
@@ -182,7 +182,7 @@ def _fill(powers: Any, tau: Any, most: Any) -> None:
         powers[1, k + 1] = powers[1, k] * (1.0 - tau)
 
 
-@inner
+@lean
 def _bernstein(n: Any, coefficients: Any, first: Any, powers: Any, choose: Any) -> Any:
     """Return a Bernstein polynomial of degree n by its coefficients, which begin at `first`."""
     value = 0.0

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, inner, lean
 from ph_post.types import Array, IntArray
 
 SMALL: Final = 1 << 16
@@ -226,7 +226,7 @@ def align_samples(a: Array, b: Array, stretch_a: IntArray, stretch_b: IntArray) 
     return of_a, of_b
 
 
-@inner
+@lean
 def _count(samples: int, level: int) -> int:
     """Return how many samples a level has: every 2^level-th, and the last."""
     step = 1 << level
@@ -261,7 +261,7 @@ def _around(chain: IntArray, n: int, m: int) -> tuple[IntArray, IntArray]:
     return low, high
 
 
-@inner
+@lean
 def _distance(a: Array, b: Array, i: int, j: int) -> float:
     return math.sqrt((a[i, 0] - b[j, 0]) ** 2 + (a[i, 1] - b[j, 1]) ** 2 + (a[i, 2] - b[j, 2]) ** 2)
 

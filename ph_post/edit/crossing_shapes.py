@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.compiling import compiled, inner, read_only
+from ph_post.compiling import compiled, inner, lean, read_only
 from ph_post.dialects.planners import planner_of
 from ph_post.drive.cascade import response_time
 from ph_post.edit.lagging_crossings import SHORT_LAG, CrossingArcs, fastest_arcs, out_and_back
@@ -119,7 +119,7 @@ LEVELLINGS: Final = 12
 """Halvings by which the place is found where both are the same."""
 
 
-@inner
+@lean
 def _window(
     view: Any, along: Any, axis: int, sign: float, rest: Any, bound: Any, more: float
 ) -> tuple[float, float, float]:

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, inner, lean
 from ph_post.gcode.program import ARC, CUBIC, LINE, RAPID, Motions, chain_heads, plane_columns
 from ph_post.types import IntArray
 
@@ -26,7 +26,7 @@ motion to a share of its last, the same place where it turns at once; 1 where it
 COLUMNS: Final = 11
 
 
-@inner
+@lean
 def _tangent(view: Any, k: int, last: bool, out: Any) -> None:
     """Direction of travel at the start or the end of a motion, not normalised."""
     kind, start, end, plane, center, angle, row, control = view
@@ -71,7 +71,7 @@ def _passing(view: Any, feed: Any, exact: Any, k: int, high: int) -> float:
     return float(min(feed[k], feed[k + 1]) * max(both / size, 0.0))
 
 
-@inner
+@lean
 def _turns(view: Any, axis: int, k: int, shares: Any, places: Any) -> int:
     """Shares and positions at which an axis turns inside a motion; their number."""
     kind, start, end, plane, center, angle, row, control = view
@@ -117,7 +117,7 @@ def _turns(view: Any, axis: int, k: int, shares: Any, places: Any) -> int:
     return found
 
 
-@inner
+@lean
 def _room(view: Any, low: int, high: int) -> int:
     """Return the largest number of turning points that one motion can have."""
     most, angle = 4, view[5]
@@ -137,7 +137,7 @@ def _grown(rows: Any, count: int) -> Any:
     return larger
 
 
-@inner
+@lean
 def _write_reversal(view: Any, feed: Any, exact: Any, span: Any, start: Any, known: bool, sign: int, row: Any) -> None:
     """Record the best place for a change of direction between two places at which the axis rests.
 
@@ -179,7 +179,7 @@ def _write_reversal(view: Any, feed: Any, exact: Any, span: Any, start: Any, kno
             row[MOTION], row[PASSED] = k, max(passed, 0.0)
 
 
-@inner
+@lean
 def _nodes(view: Any, axis: int, k: int, fresh: bool, shares: Any, places: Any) -> int:
     """Shares and positions of a motion's places: the start if it is `fresh`, turning points, the end."""
     start, end = view[1][k, axis], view[2][k, axis]
@@ -200,12 +200,12 @@ def _nodes(view: Any, axis: int, k: int, fresh: bool, shares: Any, places: Any) 
     return count + 1
 
 
-@inner
+@lean
 def _put(spot: Any, x: float, k: int, share: float) -> None:
     spot[0], spot[1], spot[2], spot[3], spot[4] = x, k, share, k, share
 
 
-@inner
+@lean
 def _visit(spot: Any, x: float, k: int, share: float, band: float, sign: int) -> int:
     """Follow the extremes to a new place; the new direction where the axis has turned, 0 elsewhere.
 

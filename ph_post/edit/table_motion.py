@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, inner, lean
 from ph_post.edit.crossing_shapes import points_along
 
 SHORTEST_TANGENT = 1e-12
@@ -32,7 +32,7 @@ def _places(knots: Any, samples: int) -> Any:
     return found[:count]
 
 
-@inner
+@lean
 def _slopes(values: Any, s: Any, out: Any) -> None:
     """Differentiate each column by places of any distance, to the second order inside."""
     last = s.size - 1
@@ -47,7 +47,7 @@ def _slopes(values: Any, s: Any, out: Any) -> None:
             out[n, k] = a * values[n - 1, k] + b * values[n, k] + c * values[n + 1, k]
 
 
-@inner
+@lean
 def _product(one: Any, other: Any) -> Any:
     return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 

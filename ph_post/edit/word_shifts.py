@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, lean
 from ph_post.edit.edits import OffsetRuns, StopEdit
 from ph_post.edit.motion_edits import MotionEdit
 from ph_post.gcode.program import ARC, AXES, RAPID, PartProgram, PlaceArray
@@ -25,7 +25,7 @@ LONGEST: Final = 48
 """Most characters of a shifted number."""
 
 
-@inner
+@lean
 def _compose(digits: Any, style: Any, out: Any, at: Any) -> Any:
     """Write a number, digits / 10^decimals, in a style to `out` from `at` on; the place behind it."""
     decimals, width = style & 31, style >> 7
@@ -54,7 +54,7 @@ def _compose(digits: Any, style: Any, out: Any, at: Any) -> Any:
     return at + size + point
 
 
-@inner
+@lean
 def _read_style(data: Any, start: Any, end: Any, digits: Any, decimals: Any) -> Any:
     """Read the style of a word's number; odd is true for blanks in it, or a minus before zero."""
     plus, point, before, leading = 0, 0, 0, 0
@@ -107,7 +107,7 @@ def shift_numbers(data: Any, columns: Any, number: Any, table: Any, texts: Any, 
         bounds[n + 1] = _compose(value, (manner >> 5 << 5) | wide, pool, bounds[n])
 
 
-@inner
+@lean
 def _power(places: Any) -> Any:
     power = np.int64(1)
     for _ in range(places):
@@ -173,7 +173,7 @@ def assemble(data: Any, start: Any, end: Any, pool: Any, bounds: Any, lines: Any
     return out[:at]
 
 
-@inner
+@lean
 def _copy(source: Any, low: Any, high: Any, out: Any, at: Any) -> Any:
     for i in range(low, high):
         out[at], at = source[i], at + 1
@@ -275,7 +275,7 @@ def shifted_words(program: PartProgram, found: MotionOffsets) -> ShiftedWords:
     return ShiftedWords(word=word, delta=delta)
 
 
-@inner
+@lean
 def _delta(letter: Any, absolute: Any, arc_absolute: Any, k: Any, kind: Any, after: Any, word: Any) -> Any:
     """Return the steps added to a word of a motion; under G91 only a rapid changes an offset by its own word.
 
@@ -291,7 +291,7 @@ def _delta(letter: Any, absolute: Any, arc_absolute: Any, k: Any, kind: Any, aft
     return int(word[k, axis]) - (int(after[1][_run_of(after[0], k - 1), axis]) if k > 0 else 0)
 
 
-@inner
+@lean
 def _run_of(first: Any, motion: Any) -> Any:
     """Return the run to which a motion belongs, by their first motions."""
     low, high = 0, first.size

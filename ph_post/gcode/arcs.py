@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, lean
 from ph_post.types import Array, IntArray
 from ph_post.units import INCH, MM
 
@@ -32,7 +32,7 @@ def swept_angle(a: Array, b: Array, sense: Array | IntArray | float = 1.0) -> Ar
     return np.asarray(np.mod(sense * np.arctan2(cross, dot), 2.0 * np.pi))
 
 
-@inner
+@lean
 def _find_center(a0: float, a1: float, b0: float, b1: float, radius: float, turns: int) -> Any:
     """Find the centre of an arc from (a0, a1) to (b0, b1) by its R, and what is wrong with it."""
     half = math.hypot(b0 - a0, b1 - a1) / 2.0
@@ -49,7 +49,7 @@ def _find_center(a0: float, a1: float, b0: float, b1: float, radius: float, turn
     return (a0 + b0) / 2.0 - scale * (b1 - a1), (a1 + b1) / 2.0 + scale * (b0 - a0), 0
 
 
-@inner
+@lean
 def _radii_fault(start: float, end: float, spread: float) -> Any:
     if start < _SMALLEST or end < _SMALLEST:
         return ZERO_RADIUS
@@ -58,7 +58,7 @@ def _radii_fault(start: float, end: float, spread: float) -> Any:
     return RADII_DIFFER if far else 0
 
 
-@inner
+@lean
 def _sweep(a0: float, a1: float, b0: float, b1: float, turns: int) -> Any:
     """Angle from the direction (a0, a1) to (b0, b1), whole turns included, in the sense of `turns`."""
     sense = 1 if turns > 0 else -1

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, lean
 
 PARAMETER, EXPRESSION, O_WORD, POLAR, DELETE, OTHER, SYSTEM, KEEPS = 1, 2, 4, 8, 16, 32, 64, 128
 """What stands on a line beside plain words: bits of its trait. `OTHER`: a word with a comma or a dollar sign,
@@ -93,24 +93,24 @@ def count_letters(data: Any, everywhere: bool) -> Any:
     return count
 
 
-@inner
+@lean
 def _is_letter(c: Any) -> Any:
     return 65 <= c <= 90 or 97 <= c <= 122
 
 
-@inner
+@lean
 def _is_numeric(c: Any) -> Any:
     return 48 <= c <= 57 or c == 46
 
 
-@inner
+@lean
 def _skip_blanks(data: Any, i: int, end: int) -> Any:
     while i < end and (data[i] == 32 or data[i] == 9):
         i += 1
     return i
 
 
-@inner
+@lean
 def _read_number(data: Any, i: int, end: int) -> Any:
     """Read a number with blanks inside: its end, digits, decimals, -1 where it has none, -2 if too long."""
     sign, point, digits, decimals, after, seen = 1, False, np.int64(0), 0, i, False
@@ -140,7 +140,7 @@ def _read_number(data: Any, i: int, end: int) -> Any:
     return after, sign * digits, decimals
 
 
-@inner
+@lean
 def _close_bracket(data: Any, i: int, end: int) -> Any:
     """Place behind the bracket that closes the one at `i`, -1 where the line has none."""
     depth = 0
@@ -152,7 +152,7 @@ def _close_bracket(data: Any, i: int, end: int) -> Any:
     return -1
 
 
-@inner
+@lean
 def _skip_expression(data: Any, i: int, end: int) -> Any:
     """Place behind a parameter, a bracket or a function; -1 where it is not whole."""
     while i < end:
@@ -176,7 +176,7 @@ def _skip_expression(data: Any, i: int, end: int) -> Any:
     return -1
 
 
-@inner
+@lean
 def _is_expression(data: Any, i: int, end: int) -> Any:
     """Return True if something that has to be computed begins at `i`, and no plain number."""
     i = _skip_blanks(data, i, end)
@@ -194,7 +194,7 @@ def _is_expression(data: Any, i: int, end: int) -> Any:
     return i > first + 1 and i_after < end and data[i_after] == 91
 
 
-@inner
+@lean
 def _skip_comments(data: Any, i: Any, end: Any) -> Any:
     """Place behind blanks and comments, and the place of a comment that does not end, or -1."""
     while i < end:
@@ -213,14 +213,14 @@ def _skip_comments(data: Any, i: Any, end: Any) -> Any:
     return i, -1
 
 
-@inner
+@lean
 def _is_keyword(data: Any, i: int, end: int) -> Any:
     """Return True if a word of letters stands at `i`: two letters in a row."""
     i = _skip_blanks(data, i, end)
     return i + 1 < end and _is_letter(data[i]) and _is_letter(data[i + 1])
 
 
-@inner
+@lean
 def _read_word(data: Any, i: int, end: int) -> Any:
     """Read the word whose letter is at `i`: its end, digits and decimals, its trait, why it is refused."""
     number = i + 1 < end and _is_numeric(data[i + 1])
@@ -235,7 +235,7 @@ def _read_word(data: Any, i: int, end: int) -> Any:
     return after, count, places, OTHER if places == -2 else 0, NO_NUMBER if places == -1 else 0
 
 
-@inner
+@lean
 def _is_exponent(data: Any, i: int, end: int, before: int) -> Any:
     """Return True if an E directly behind the number of a word with the letter `before` may be its exponent."""
     whole = before in (71, 77, 78, 79, 84, 0)  # M66E0: G, M, N, O and T have none
@@ -244,7 +244,7 @@ def _is_exponent(data: Any, i: int, end: int, before: int) -> Any:
     return i + 1 < end and (48 <= data[i + 1] <= 57 or data[i + 1] == 43 or data[i + 1] == 45)
 
 
-@inner
+@lean
 def _is_text(data: Any, i: int, end: int, alone: Any) -> Any:
     """Return True if a ``#`` begins no parameter; `alone` at the head of a line, where one has to be set."""
     after = _skip_blanks(data, i + 1, end)
@@ -264,7 +264,7 @@ def _is_text(data: Any, i: int, end: int, alone: Any) -> Any:
     return behind >= end or data[behind] != 61
 
 
-@inner
+@lean
 def _skip_other(data: Any, i: int, end: int, alone: Any) -> Any:  # noqa: PLR0911
     """Pass over what is neither word nor comment: the place behind it, its trait and why it is refused."""
     c = data[i]
@@ -301,7 +301,7 @@ def _skip_other(data: Any, i: int, end: int, alone: Any) -> Any:  # noqa: PLR091
     return i, 0, NO_LETTER if _is_numeric(c) or c in (43, 45) else BAD_CHARACTER
 
 
-@inner
+@lean
 def _is_nested(data: Any, first: int, end: int) -> Any:
     """Return True if a line holds nothing but comments, of which one stands in another."""
     depth, deepest = 0, 0
@@ -314,7 +314,7 @@ def _is_nested(data: Any, first: int, end: int) -> Any:
     return deepest > 1
 
 
-@inner
+@lean
 def _read_line(data: Any, first: Any, end: Any, row: int, block: int, out: Any) -> Any:
     """Read one line: the row after its words, its trait, its first fault, and where.
 
@@ -360,7 +360,7 @@ def _read_line(data: Any, first: Any, end: Any, row: int, block: int, out: Any) 
     return row, trait, fault, where
 
 
-@inner
+@lean
 def _read_plain(data: Any, i: Any, end: Any, row: int, block: int, out: Any) -> Any:
     """Read a line of nothing but words with plain numbers, as most are: the row after them, -1 of every other line.
 
@@ -400,12 +400,12 @@ def _read_plain(data: Any, i: Any, end: Any, row: int, block: int, out: Any) -> 
     return row
 
 
-@inner
+@lean
 def _power(places: int) -> Any:
     return _POWERS[places] if places < _POWERS.size else 10.0**places
 
 
-@inner
+@lean
 def _is_wait(data: Any, at: Any, end: Any) -> bool:
     """Return True if ``%wait`` stands at a place, and nothing but comments behind it."""
     if at + 5 > end or data[at] != 37:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, inner, lean
 from ph_post.gcode import lexer
 from ph_post.gcode.codes import (
     ABSOLUTE,
@@ -86,7 +86,7 @@ from ph_post.gcode.codes import (
 )
 
 
-@inner
+@lean
 def _gather(letter: Any, value: Any, low: int, high: int, values: Any, where: Any, codes: Any) -> Any:
     """Collect the words of a block: letters present, number of G and M words, word that stands there twice.
 
@@ -111,7 +111,7 @@ def _gather(letter: Any, value: Any, low: int, high: int, values: Any, where: An
     return present, min(g, 64), min(m, 64), computed, twice
 
 
-@inner
+@lean
 def _code_of(value: float) -> Any:
     """Ten times a G word's number, 999 (which no controller has) where it has more decimals."""
     tenfold = 10.0 * value
@@ -119,7 +119,7 @@ def _code_of(value: float) -> Any:
     return code if abs(tenfold - code) < 1e-6 else 999
 
 
-@inner
+@lean
 def _apply_g(value: Any, codes: Any, count: int, state: Any, given: Any) -> Any:
     """Set the groups of a block's G words (`given` by group): why not understood, its fault, word.
 
@@ -149,7 +149,7 @@ def _apply_g(value: Any, codes: Any, count: int, state: Any, given: Any) -> Any:
     return why, fault, place
 
 
-@inner
+@lean
 def _framed(frame: int, code: int) -> Any:
     """Ways in which the frame is not the machine's, a bit each, after a G word."""
     for bit in range(FRAMES.shape[0]):
@@ -160,7 +160,7 @@ def _framed(frame: int, code: int) -> Any:
     return float(frame)
 
 
-@inner
+@lean
 def _setting(group: int, code: int) -> Any:
     """Content of a group's column for a G word."""
     if group == 6:
@@ -172,7 +172,7 @@ def _setting(group: int, code: int) -> Any:
     return code / 10.0 if group == 5 else np.float64(code)
 
 
-@inner
+@lean
 def _apply_m(value: Any, effects: Any, codes: Any, count: int, values: Any, present: int, state: Any) -> Any:
     """Set the groups of a block's M words: why it is not understood, its breaks, its fault, and the word.
 
@@ -205,7 +205,7 @@ def _apply_m(value: Any, effects: Any, codes: Any, count: int, values: Any, pres
     return why, mark, fault, place
 
 
-@inner
+@lean
 def _unset_m(group: int, state: Any) -> None:
     """Forget what two M words of a group may set."""
     if group == 7:
@@ -216,7 +216,7 @@ def _unset_m(group: int, state: Any) -> None:
         state[TOOL] = UNKNOWN
 
 
-@inner
+@lean
 def _set_m(code: int, values: Any, present: int, state: Any) -> Any:
     """Carry out one M word on the state: the break it is."""
     if code in (2, 30):
@@ -236,13 +236,13 @@ def _set_m(code: int, values: Any, present: int, state: Any) -> Any:
     return TOOL_CHANGE if code in (6, 60, 61) else 0
 
 
-@inner
+@lean
 def _plain(value: float) -> Any:
     """Return a word's value, or that it may be any: a NaN would be another state on every line."""
     return UNKNOWN if np.isnan(value) else value
 
 
-@inner
+@lean
 def _apply_numbers(values: Any, present: int, given: Any, was: float, mode_was: float, state: Any) -> Any:
     """Set F, S, T and the path mode; `was` and `mode_was` are units and feed mode before the block."""
     if state[FEED_MODE] != mode_was:
@@ -267,14 +267,14 @@ def _apply_numbers(values: Any, present: int, given: Any, was: float, mode_was: 
         state[PATH_Q] = _plain(values[LETTER_Q]) if (own >> LETTER_Q) & 1 else NONE
 
 
-@inner
+@lean
 def _worst(one: int, other: int) -> Any:
     """Return that of two reasons which leaves less known."""
     calls = one in (SUBPROGRAM, SAVED_STATE)
     return one if calls or (other in (0, STAYING_G) and one != 0) else other
 
 
-@inner
+@lean
 def _apply_words(words: Any, low: int, high: int, state: Any, before: Any, room: Any) -> Any:
     """Carry out a block's words on the state.
 
@@ -306,7 +306,7 @@ def _apply_words(words: Any, low: int, high: int, state: Any, before: Any, room:
     return mark, _worst(why, odd), computed, fault, word
 
 
-@inner
+@lean
 def _forget_modes(state: Any, before: Any, all_of_them: bool, fixed: Any) -> None:
     """Make unknown what differs from `before`, or all; what is `fixed` in the language stays that.
 
@@ -326,7 +326,7 @@ def _forget_modes(state: Any, before: Any, all_of_them: bool, fixed: Any) -> Non
         state[FEED], state[FEED_KNOWN] = np.nan, 2.0
 
 
-@inner
+@lean
 def _line_reason(trait: int, computed: int, why: int) -> Any:  # noqa: PLR0911
     """Return why a line with a trait is not understood, whatever else stands on it."""
     if trait & lexer.SYSTEM:
@@ -344,7 +344,7 @@ def _line_reason(trait: int, computed: int, why: int) -> Any:  # noqa: PLR0911
     return POLAR if trait & lexer.POLAR else why
 
 
-@inner
+@lean
 def _run_block(
     words: Any, low: int, high: int, trait: int, state: Any, before: Any, room: Any, fixed: Any, first: Any, fault: int
 ) -> Any:
@@ -373,7 +373,7 @@ def _run_block(
     return mark, why, fault, word
 
 
-@inner
+@lean
 def _after(state: Any, given: Any, before: Any, fixed: Any) -> Any:
     """Leave the motions that do not last: the motion of this block, ten times its number.
 
@@ -393,7 +393,7 @@ def _after(state: Any, given: Any, before: Any, fixed: Any) -> Any:
     return np.int64(motion)
 
 
-@inner
+@lean
 def _flags(given: Any, state: Any) -> Any:
     """Return what else a block has, in bits."""
     lenient = given[7] >= 0 or given[8] >= 0 or given[13] == 640 or given[14] >= 0 or given[0] in (40, 100)
@@ -402,7 +402,7 @@ def _flags(given: Any, state: Any) -> Any:
     return flags | (np.int64(state[FEED_KNOWN]) << KNOWN_SHIFT)
 
 
-@inner
+@lean
 def _is_row(table: Any, row: int, state: Any) -> Any:
     """Return True if a row of `table` holds the state's modes; a loop, as whole arrays take long to compile."""
     for column in range(MODES):  # noqa: SIM110 - compiled
@@ -411,7 +411,7 @@ def _is_row(table: Any, row: int, state: Any) -> Any:
     return True
 
 
-@inner
+@lean
 def _intern(state: Any, table: Any, slots: Any, count: int) -> Any:
     """Find the row of `table` that holds the state's modes, made where there is none."""
     code = np.uint64(1469598103934665603)
@@ -458,7 +458,7 @@ def _begin(fixed: Any) -> Any:
     return state, table, slots
 
 
-@inner
+@lean
 def _forget_columns(state: Any, mask: int) -> None:
     """Make unknown what a stretch under O-words may have set, a bit a column."""
     for column in range(STATE):
@@ -471,7 +471,7 @@ _SETTING = (1 << LETTER_M) | (1 << LETTER_O) | (1 << LETTER_S) | (1 << LETTER_T)
 """Letters of words that set more than a motion and F, or do."""
 
 
-@inner
+@lean
 def _read_move(letter: Any, value: Any, low: int, high: int, state: Any, given: Any) -> Any:
     """Carry out a block that goes on in the motion in force, and sets nothing but F; False of every other.
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, lean
 from ph_post.gcode import lexer
 from ph_post.gcode.codes import (
     ABSOLUTE,
@@ -111,7 +111,7 @@ from ph_post.gcode.codes import (
 )
 
 
-@inner
+@lean
 def _spread_values(letter: Any, value: Any, low: int, high: int, values: Any) -> Any:
     """Put a block's values in their letters' places, NaN in the others; whether X and whether Y are there."""
     values[:] = np.nan
@@ -119,13 +119,13 @@ def _spread_values(letter: Any, value: Any, low: int, high: int, values: Any) ->
         values[np.int64(letter[word]) - 65] = value[word]
 
 
-@inner
+@lean
 def _copy(source: Any, target: Any) -> None:
     for column in range(3):
         target[column] = source[column]
 
 
-@inner
+@lean
 def _aim(values: Any, modes: Any, position: Any, target: Any) -> None:
     """Find the target [m] to which a block's X, Y and Z lead from a position."""
     for axis in range(3):
@@ -135,7 +135,7 @@ def _aim(values: Any, modes: Any, position: Any, target: Any) -> None:
             target[axis] = value if modes[ABSOLUTE] == 1.0 else position[axis] + value
 
 
-@inner
+@lean
 def _named(values: Any, modes: Any, position: Any) -> None:
     """Give the places of the named axes the numbers that stand there (G92)."""
     for axis in range(3):
@@ -144,13 +144,13 @@ def _named(values: Any, modes: Any, position: Any) -> None:
             position[axis] = value * modes[UNITS]
 
 
-@inner
+@lean
 def _plane_axes(plane: float) -> Any:
     """First and second axis of a plane."""
     return (0, 1) if plane == 17.0 else (2, 0) if plane == 18.0 else (1, 2)
 
 
-@inner
+@lean
 def _write_arc(values: Any, modes: Any, position: Any, row: int, task: int, out: Any) -> None:
     """Write down the words of an arc: offsets of the centre or the centre itself, radius, turns."""
     center, angle, turns = out
@@ -166,14 +166,14 @@ def _write_arc(values: Any, modes: Any, position: Any, row: int, task: int, out:
     turns[row] = -count if task == ARC_CW else count
 
 
-@inner
+@lean
 def _known(task: int, modes: Any, position: Any, target: Any) -> Any:
     """Return True if the places that a curve needs are known."""
     first, second = _plane_axes(modes[PLANE]) if ARC_CW <= task <= ARC_CCW else (0, 1)
     return not np.isnan(position[first] + position[second] + target[first] + target[second])
 
 
-@inner
+@lean
 def _kind(task: int) -> Any:
     if task in (ARC_CW, ARC_CCW):
         return 2
@@ -182,12 +182,12 @@ def _kind(task: int) -> Any:
     return 4 if task == NURBS_END else task - RAPID
 
 
-@inner
+@lean
 def _is_same(one: float, two: float) -> bool:
     return one == two or (np.isnan(one) and np.isnan(two))
 
 
-@inner
+@lean
 def _write_motion(
     at: Any, values: Any, modes: Any, position: Any, target: Any, word: float, columns: Any, curves: Any, check: bool
 ) -> bool:
@@ -217,7 +217,7 @@ def _write_motion(
     return True
 
 
-@inner
+@lean
 def _close(axis: int, block: int, since: Any, moved: Any, anchors: Any) -> None:
     """Let an axis be forgotten in a block, or found (-1): what it moved until then needs directions alone."""
     if since[axis] >= 0 and moved[axis]:
@@ -225,7 +225,7 @@ def _close(axis: int, block: int, since: Any, moved: Any, anchors: Any) -> None:
     since[axis], moved[axis] = block, False
 
 
-@inner
+@lean
 def _use(values: Any, modes: Any, task: int, axis: int, since: Any, moved: Any) -> None:
     """Note how a motion uses an axis whose place is not known: by its increments, or by a place."""
     first, second = _plane_axes(modes[PLANE]) if ARC_CW <= task <= ARC_CCW else (0, 1)
@@ -272,7 +272,7 @@ def find_anchors(words: Any, modal: Any, end: int, anchors: Any) -> None:
         _close(axis, -1, since, moved, anchors)
 
 
-@inner
+@lean
 def _lose(axis: int, anchor: Any, position: Any) -> None:
     """Forget the place of an axis; one that moves by increments alone goes on from any."""
     if not (anchor >> axis) & 1:
@@ -353,7 +353,7 @@ def trace_motions(  # noqa: C901, PLR0912, PLR0915
     return row
 
 
-@inner
+@lean
 def _spread(letter: Any, value: Any, low: int, high: int, values: Any, where: Any) -> Any:
     """Put a block's words in their letters' places, and return the letters present, a bit each."""
     present = np.int64(0)
@@ -364,7 +364,7 @@ def _spread(letter: Any, value: Any, low: int, high: int, values: Any, where: An
     return present
 
 
-@inner
+@lean
 def _arc_fault(values: Any, present: int, where: Any, modes: Any) -> Any:  # noqa: PLR0911
     """Return why the centre of an arc is refused, and the word; 0 where it is given once and whole."""
     plane = modes[PLANE]
@@ -389,7 +389,7 @@ def _arc_fault(values: Any, present: int, where: Any, modes: Any) -> Any:  # noq
     return 0, -1
 
 
-@inner
+@lean
 def _feed_fault(present: int, where: Any, modes: Any, feed: float, known: int) -> Any:
     """Return why the feed of a cut is refused, and the word; 0 where it is known or may be."""
     word = where[LETTER_F] if (present >> LETTER_F) & 1 else -1
@@ -402,7 +402,7 @@ def _feed_fault(present: int, where: Any, modes: Any, feed: float, known: int) -
     return 0, -1
 
 
-@inner
+@lean
 def _set_data(values: Any, present: int, modes: Any) -> Any:
     """Return what a G10 does to the position, by its L."""
     axes = present & (AXES | FURTHER)
@@ -421,7 +421,7 @@ def _set_data(values: Any, present: int, modes: Any) -> Any:
     return PRESET if known and modes[UNITS] != UNKNOWN else FORGET_NAMED
 
 
-@inner
+@lean
 def _zero_group(code: int, motion: int, explicit: int, present: int, modes: Any, values: Any) -> Any:
     """Return what a word of group 0 does: task (-1: the motion's), break, why not understood, refused.
 
@@ -458,7 +458,7 @@ def _zero_group(code: int, motion: int, explicit: int, present: int, modes: Any,
     return task, mark, why, refused
 
 
-@inner
+@lean
 def _motion_task(code: int, explicit: int, present: int, further: int, threads: bool) -> Any:
     """Return what the motion mode makes of a block: task, break, why not understood, letters it uses.
 
@@ -490,7 +490,7 @@ def _motion_task(code: int, explicit: int, present: int, further: int, threads: 
     return task, mark, why, used
 
 
-@inner
+@lean
 def _doubt(task: int, used: int, present: int, flags: int, modes: Any) -> Any:
     """Return why a motion is not understood, 0 where it is."""
     rest = present & ~(used | ALWAYS)
@@ -514,7 +514,7 @@ def _doubt(task: int, used: int, present: int, flags: int, modes: Any) -> Any:
     return why
 
 
-@inner
+@lean
 def _is_odd(present: int, flags: int) -> Any:
     """Return True if a block without a motion has letters that none of its words uses."""
     rest = present & ~ALWAYS
@@ -523,7 +523,7 @@ def _is_odd(present: int, flags: int) -> Any:
     return rest != 0
 
 
-@inner
+@lean
 def _is_aimed(task: int, why: int, present: int, flags: int, modes: Any) -> Any:
     """Return True if the end of a motion is known that is passed through for a rotary axis."""
     known = modes[UNITS] != UNKNOWN and modes[ABSOLUTE] != UNKNOWN and not flags & FRAMED
@@ -531,7 +531,7 @@ def _is_aimed(task: int, why: int, present: int, flags: int, modes: Any) -> Any:
     return rotary and RAPID <= task <= ARC_CCW and known
 
 
-@inner
+@lean
 def _decide(block: Any, values: Any, present: int, where: Any, modes: Any, contours: bool, threads: bool) -> Any:
     """Return what a block does: task, break, why not understood, its fault, the word."""
     zero, motion, flags, feed, further = block
@@ -561,7 +561,7 @@ def _decide(block: Any, values: Any, present: int, where: Any, modes: Any, conto
     return task, mark, why, refused, word
 
 
-@inner
+@lean
 def _switched_task(words: Any, low: int, high: int, modes: Any) -> Any:  # noqa: PLR0911
     """Return what a line does that runs or not, by a switch: it leaves axes that it does not name where they were.
 

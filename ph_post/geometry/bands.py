@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, inner, lean
 from ph_post.types import Array, IntArray
 
 STEP: Final = 1e-8
@@ -103,7 +103,7 @@ def _needed(one: Array, other: Array, ways: Array) -> IntArray:
     return kept[:count]
 
 
-@inner
+@lean
 def _is_straight(one: Array, other: Array, ways: Array, first: int, last: int) -> bool:
     """Return whether both ways go straight on between two rows, side by side."""
     for axis in range(3):
@@ -178,7 +178,7 @@ def _nearest_in_boxes(
     return found
 
 
-@inner
+@lean
 def _from_box(point: Array, boxes: tuple[Array, Array], box: int) -> float:
     """Return a distance of a point than which nothing in a box is nearer, but for rounding."""
     low, high = boxes
@@ -188,14 +188,14 @@ def _from_box(point: Array, boxes: tuple[Array, Array], box: int) -> float:
     return math.sqrt(square)
 
 
-@inner
+@lean
 def _from_sides(point: Array, a: Array, b: Array, c: Array, d: Array) -> float:
     """Distance of a point from what lies between a line from a to b and the following from c to d, but for these."""
     along = min(_from_line(point, a, c), _from_line(point, a, d), _from_line(point, b, d))
     return min(along, _from_inside(point, a, b, d), _from_inside(point, a, d, c))
 
 
-@inner
+@lean
 def _from_line(point: Array, a: Array, b: Array) -> float:
     square, dot = 0.0, 0.0
     for k in range(3):
@@ -208,7 +208,7 @@ def _from_line(point: Array, a: Array, b: Array) -> float:
     return math.sqrt(distance)
 
 
-@inner
+@lean
 def _from_inside(point: Array, a: Array, b: Array, c: Array) -> float:
     """Distance of a point from a triangle where the foot of its perpendicular is inside, else infinity."""
     uu, uv, vv, up, vp = 0.0, 0.0, 0.0, 0.0, 0.0

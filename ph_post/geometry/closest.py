@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, inner, lean
 from ph_post.types import Array, IntArray
 
 # Columns of a table of pieces; the first four are vectors.
@@ -260,7 +260,7 @@ def _piece_at(starts: Array, place: float, near: int) -> int:
     return min(max(int(np.searchsorted(starts, place, side="right")) - 1, 0), last)
 
 
-@inner
+@lean
 def _square(x: Array, y: Array) -> float:
     """Squared distance of two points."""
     total = 0.0
@@ -269,7 +269,7 @@ def _square(x: Array, y: Array) -> float:
     return total
 
 
-@inner
+@lean
 def _put_point(pieces: Array, control: Array, row: int, s: float, out: Array) -> None:
     """Put the point of any piece at s into `out`."""
     if pieces[row, ORDER] > 0.0:
@@ -291,7 +291,7 @@ def _put_bezier(control: Array, u: float, out: Array) -> None:
         out[k] = points[0, k] / points[0, 3]
 
 
-@inner
+@lean
 def _put_on_arc(pieces: Array, row: int, s: float, out: Array) -> None:
     """Put the point of a line, arc, helix or spiral at s into `out`."""
     if pieces[row, RADIUS] == 0.0:
@@ -307,7 +307,7 @@ def _put_on_arc(pieces: Array, row: int, s: float, out: Array) -> None:
         out[k] += radius * (c * pieces[row, FIRST + k] + d * pieces[row, SECOND + k])
 
 
-@inner
+@lean
 def _closest_on_arc(pieces: Array, row: int, x: Array, near: float, low: float, high: float, work: Array) -> float:
     """Parameter between `low` and `high` where a line or planar arc is closest; of its turns that next to `near`."""
     along, across = 0.0, 0.0
@@ -336,7 +336,7 @@ def _closest_on_arc(pieces: Array, row: int, x: Array, near: float, low: float, 
     return found
 
 
-@inner
+@lean
 def _refined(pieces: Array, row: int, x: Array, s: float, low: float, high: float, work: Array) -> float:
     """Closest parameter of a helix or spiral by Newton's method, from that of the arc below it."""
     rise = abs(pieces[row, RISE + 0]) + abs(pieces[row, RISE + 1]) + abs(pieces[row, RISE + 2])
@@ -362,7 +362,7 @@ def _refined(pieces: Array, row: int, x: Array, s: float, low: float, high: floa
     return s
 
 
-@inner
+@lean
 def _closest_between(pieces: Array, control: Array, row: int, x: Array, low: float, high: float, work: Array) -> float:
     """Parameter of a short stretch of any piece that is closest to a point."""
     if pieces[row, ORDER] == 0.0:
@@ -387,7 +387,7 @@ def _closest_between(pieces: Array, control: Array, row: int, x: Array, low: flo
     return 0.5 * (low + high)
 
 
-@inner
+@lean
 def _distance_to(pieces: Array, row: int, x: Array, near: float, work: Array) -> tuple[float, float]:
     """Squared distance from a whole line or arc, and its parameter there."""
     extent = pieces[row, EXTENT]
@@ -397,7 +397,7 @@ def _distance_to(pieces: Array, row: int, x: Array, near: float, work: Array) ->
     return _square(x, work), s
 
 
-@inner
+@lean
 def _best(
     pieces: Array,
     starts: Array,
@@ -431,7 +431,7 @@ def _best(
     return least, best_piece, best_s
 
 
-@inner
+@lean
 def _nearest(point: Array, first: int, last: int, samples: Array) -> int:
     """Nearest of the samples `first` to `last`; of very many, the nearest around the nearest probe."""
     step = max((last - first) // PROBES, 1)
@@ -441,7 +441,7 @@ def _nearest(point: Array, first: int, last: int, samples: Array) -> int:
     return nearest
 
 
-@inner
+@lean
 def _nearest_by(point: Array, first: int, last: int, step: int, samples: Array) -> int:
     nearest, least = first, np.inf
     for j in range(first, last + 1, step):

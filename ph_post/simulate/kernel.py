@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, inner, lean
 from ph_post.drive.automaton import STATES, WIDTH
 from ph_post.types import Array, IntArray
 
@@ -71,7 +71,7 @@ TABLE, PLAY, SPRING = 0, 1, 2
 """The body that holds motor and table a gap apart while they touch: the table, the motor, or either."""
 
 
-@inner
+@lean
 def _square(d: Array, into: Array) -> None:
     """Square D; its rows of the inputs, which only run on, have none."""
     into[:] = 0.0
@@ -112,7 +112,7 @@ def step_tables(rates: Array, period: float) -> Array:
     return tables
 
 
-@inner
+@lean
 def stribeck(speed: float, direction: int, static: float, scale: float) -> float:
     """Return what friction has more than Coulomb's while slipping at a speed, F/K [m]."""
     if direction == 0 or static == 0.0 or scale == 0.0:
@@ -121,7 +121,7 @@ def stribeck(speed: float, direction: int, static: float, scale: float) -> float
     return direction * static * math.exp(-ratio * ratio)
 
 
-@inner
+@lean
 def cogging(motor: float, waves: Array) -> float:
     """Return what resists the motor by its place, F/K [m]: amplitude, wave number and phase a row."""
     total = 0.0
@@ -130,7 +130,7 @@ def cogging(motor: float, waves: Array) -> float:
     return total
 
 
-@inner
+@lean
 def half_gap(table: float, gap: Array) -> float:
     """Return half the gap at a place of the table [m]: size, slope, reference, bump, centre and width."""
     off = (table - gap[4]) / gap[5]
@@ -167,7 +167,7 @@ class ModeTables(NamedTuple):
     level: int
 
 
-@inner
+@lean
 def _step(table: Array, y: Array, length: float, into: Array, filled: int) -> None:
     """Advance state and inputs by `length` [s], of which `table` is D."""
     into[Column.COMMAND] = y[Column.COMMAND] + length * y[Column.COMMAND_RATE]
@@ -207,7 +207,7 @@ def _step(table: Array, y: Array, length: float, into: Array, filled: int) -> No
     into[Column.F_RATE] = y[Column.F_RATE]
 
 
-@inner
+@lean
 def _value(rows: Array, mode: int, number: int, y: Array, filled: int) -> float:
     """Return the value at a state of a row of the guards or of their slopes."""
     total = 0.0
@@ -226,7 +226,7 @@ def _value(rows: Array, mode: int, number: int, y: Array, filled: int) -> float:
     return total
 
 
-@inner
+@lean
 def _first_broken(guards: Array, noise: Array, count: int, mode: int, y: Array, filled: int) -> int:
     """Return the first of a mode's guards that does not hold, or -1."""
     for number in range(count):
@@ -235,13 +235,13 @@ def _first_broken(guards: Array, noise: Array, count: int, mode: int, y: Array, 
     return -1
 
 
-@inner
+@lean
 def _broken(modes: ModeTables, mode: int, y: Array) -> int:
     """Return the first guard of a mode that does not hold, or -1."""
     return _first_broken(modes.guards, modes.noise, modes.counts[mode], mode, y, modes.filled)
 
 
-@inner
+@lean
 def _least(before: float, after: float, falls: float, rises: float) -> float:
     """Return the least value on [0, 1] of the cubic with these values and slopes at 0 and 1."""
     third = 2.0 * (before - after) + falls + rises
@@ -263,7 +263,7 @@ def _least(before: float, after: float, falls: float, rises: float) -> float:
     return min(least, before + place * (falls + place * (second + place * third)))
 
 
-@inner
+@lean
 def _may_dip(
     guards: Array,
     slopes: Array,
@@ -289,13 +289,13 @@ def _may_dip(
     return False
 
 
-@inner
+@lean
 def _is_forced(modes: ModeTables) -> bool:
     """Return whether a force of the state acts that is not linear in it."""
     return modes.static != 0.0 or modes.waves.shape[0] > 0
 
 
-@inner
+@lean
 def _set_force(
     y: Array,
     trial: Array,
@@ -331,7 +331,7 @@ def _set_force(
         y[Column.Q_RATE] = (last - first) / length
 
 
-@inner
+@lean
 def _halvings(y: Array, trial: Array, modes: ModeTables, direction: int, length: float) -> int:
     """Return into how many parts, as a power of 2, a sample is cut whose forces were linear in `trial`, its end.
 
@@ -358,7 +358,7 @@ def _halvings(y: Array, trial: Array, modes: ModeTables, direction: int, length:
     return level
 
 
-@inner
+@lean
 def _attempt(y: Array, trial: Array, mode: int, modes: ModeTables, step: Array, length: float) -> int:
     """Take a step into `trial`, and return the guard that does not hold behind it, or -1."""
     if _is_forced(modes):
@@ -378,7 +378,7 @@ def _attempt(y: Array, trial: Array, mode: int, modes: ModeTables, step: Array, 
     return _broken(modes, mode, trial)
 
 
-@inner
+@lean
 def _follow(modes: ModeTables, mode: int, y: Array) -> None:
     """Keep motor and table, while they touch, half the gap apart that is at the table's place."""
     contact = modes.contacts[mode]
@@ -396,13 +396,13 @@ def _follow(modes: ModeTables, mode: int, y: Array) -> None:
         y[Column.MOTOR] = y[Column.TABLE] + contact * y[Column.HALF_GAP]
 
 
-@inner
+@lean
 def _accept(y: Array, trial: Array) -> None:
     for i in range(COLUMNS):
         y[i] = trial[i]
 
 
-@inner
+@lean
 def _close_in(
     y: Array, trial: Array, mode: int, modes: ModeTables, level: int, period: float, number: int
 ) -> tuple[int, int]:
@@ -428,7 +428,7 @@ def _close_in(
     return number, units
 
 
-@inner
+@lean
 def _change(y: Array, trial: Array, mode: int, modes: ModeTables, number: int) -> int:
     """Reset the state where a guard ends a mode, and return the mode it goes on in."""
     if modes.gap.size > 0 and modes.holds != SPRING:
@@ -457,7 +457,7 @@ def _note(instants: Array, log: IntArray, count: int, t: float, before: int, aft
     return instants, log, count + 1
 
 
-@inner
+@lean
 def _go_on(
     y: Array, trial: Array, mode: int, modes: ModeTables, left: int, period: float, heed: bool
 ) -> tuple[int, int]:
@@ -499,26 +499,26 @@ def _go_on(
         level += 1
 
 
-@inner
+@lean
 def _begin(y: Array, command: Array, k: int, period: float) -> None:
     """Set the command for the sample that begins at k."""
     y[Column.COMMAND], y[Column.COMMAND_RATE] = command[k], (command[k + 1] - command[k]) / period
 
 
-@inner
+@lean
 def _push(y: Array, force: Array, k: int, period: float) -> None:
     """Set the force from outside for the sample that begins at k."""
     y[Column.F], y[Column.F_RATE] = force[k], (force[k + 1] - force[k]) / period
     y[Column.G], y[Column.G_RATE] = y[Column.F], y[Column.F_RATE]
 
 
-@inner
+@lean
 def _feed(y: Array, fed: Array, k: int, period: float) -> None:
     """Set the acceleration that is fed forward for the sample that begins at k."""
     y[Column.FED], y[Column.FED_RATE] = fed[k], (fed[k + 1] - fed[k]) / period
 
 
-@inner
+@lean
 def _write(y: Array, k: int, table: Array, motor: Array, states: Array) -> None:
     """Write down where all is at sample k."""
     table[k], motor[k] = y[Column.TABLE], y[Column.MOTOR]
@@ -527,7 +527,7 @@ def _write(y: Array, k: int, table: Array, motor: Array, states: Array) -> None:
             states[k, i] = y[i]
 
 
-@inner
+@lean
 def _cruise(
     y: Array,
     trial: Array,

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, lean
 from ph_post.simulate.cells import BEND, LENGTH, REACH, TANGENT, WIDE_BEND, WIDE_REACH, Cells, S
 from ph_post.types import Array, IntArray
 
@@ -82,7 +82,7 @@ def find_nearest(position: Array, hint: Array, first: int, cells: Cells) -> tupl
     return error, place
 
 
-@inner
+@lean
 def _walk(x: float, y: float, z: float, cell: int, low: int, high: int, table: Array) -> tuple[int, float, float]:
     """Go down to a minimum inside a window of cells that join smoothly: cell, w in it, and distance."""
     w, distance = _foot(x, y, z, cell, 0.5, table)
@@ -95,7 +95,7 @@ def _walk(x: float, y: float, z: float, cell: int, low: int, high: int, table: A
     return cell, w, distance
 
 
-@inner
+@lean
 def _clearance(
     x: float,
     y: float,
@@ -123,7 +123,7 @@ def _clearance(
     return clear
 
 
-@inner
+@lean
 def _search(
     x: float,
     y: float,
@@ -158,7 +158,7 @@ def _search(
     return best, best_w, distance
 
 
-@inner
+@lean
 def _descend(
     x: float,
     y: float,
@@ -189,7 +189,7 @@ def _descend(
     return top
 
 
-@inner
+@lean
 def _chord(x: float, y: float, z: float, node: int, capsule: Array) -> tuple[float, float]:
     """Squared distance from a capsule's chord, and where on the chord."""
     x, y, z = x - capsule[node, 0], y - capsule[node, 1], z - capsule[node, 2]
@@ -199,7 +199,7 @@ def _chord(x: float, y: float, z: float, node: int, capsule: Array) -> tuple[flo
     return x * x + y * y + z * z, w
 
 
-@inner
+@lean
 def _prefers(
     table: Array,
     loop: float,
@@ -226,14 +226,14 @@ def _prefers(
     return _along(s, hint, loop) < _along(best_s, hint, loop)
 
 
-@inner
+@lean
 def _along(a: float, b: float, loop: float) -> float:
     """Distance along the path, the short way round a closed one."""
     apart = abs(a - b)
     return min(apart, abs(loop - apart))
 
 
-@inner
+@lean
 def _slope(x: float, y: float, z: float, w: float, cell: int, table: Array) -> tuple[float, float, float]:
     """Half the squared distance from the cubic at w: its two derivatives, and the squared distance."""
     x = table[cell, 0] - x + w * (table[cell, 3] + w * (table[cell, 6] + w * table[cell, 9]))
@@ -249,7 +249,7 @@ def _slope(x: float, y: float, z: float, w: float, cell: int, table: Array) -> t
     return x * a + y * b + z * c, second, x * x + y * y + z * z
 
 
-@inner
+@lean
 def _foot(x: float, y: float, z: float, cell: int, w: float, table: Array) -> tuple[float, float]:
     """Return the closest point of a cell, w and distance, beginning at `w`."""
     first, second, square = _slope(x, y, z, w, cell, table)
@@ -266,7 +266,7 @@ def _foot(x: float, y: float, z: float, cell: int, w: float, table: Array) -> tu
     return _foot_in_parts(x, y, z, cell, table)
 
 
-@inner
+@lean
 def _foot_in_parts(x: float, y: float, z: float, cell: int, table: Array) -> tuple[float, float]:
     """Return the closest point of a cell, of all the minima that its parts hold."""
     slope, _, least = _slope(x, y, z, 0.0, cell, table)
@@ -284,7 +284,7 @@ def _foot_in_parts(x: float, y: float, z: float, cell: int, table: Array) -> tup
     return best, math.sqrt(least)
 
 
-@inner
+@lean
 def _bracketed(x: float, y: float, z: float, low: float, high: float, cell: int, table: Array) -> tuple[float, float]:
     """Minimum between two slopes of opposite sign, w and squared distance: Newton's method, or bisection."""
     w = 0.5 * (low + high)
@@ -304,7 +304,7 @@ def _bracketed(x: float, y: float, z: float, low: float, high: float, cell: int,
     return w, square
 
 
-@inner
+@lean
 def _is_left(x: float, y: float, cell: int, w: float, table: Array, loop: float) -> bool:
     """Return whether (x, y) is to the left of the direction of travel, or straight ahead or behind.
 

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, lean
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, Motions, PartProgram, PlaceArray, plane_columns
 from ph_post.types import Array, BoolArray, IntArray, unwritten
 from ph_post.units import MM
@@ -326,14 +326,14 @@ def swings_of(motions: Motions, axis: int) -> tuple[PlaceArray, Array, Array, Ar
     return number, middle, radius, begin, motions.angle[arcs] / math.pi
 
 
-@inner
+@lean
 def _visit(x: float, spot: Any) -> None:
     """Follow the axis to a place: `spot` has the farthest one so far, and the longest way back from it."""
     spot[0] = max(spot[0], x)
     spot[1] = max(spot[1], spot[0] - x)
 
 
-@inner
+@lean
 def _visit_turns(k: int, sign: int, shift: float, swings: Any, spot: Any) -> None:
     """Visit the places inside arc `k` at which the axis turns, in order."""
     _, middle, radius, begin, sweep = swings

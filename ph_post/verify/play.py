@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, lean
 from ph_post.types import Array, IntArray
 
 _MOST = 4
@@ -105,7 +105,7 @@ def _follow(motor: Any, first: Any, sides: Any, start: Any, spare: Any) -> Any:
     return points[:n].copy(), owner[:n].copy(), place, turned, ends
 
 
-@inner
+@lean
 def _side_of(ahead: float, sides: Any, spare: float) -> int:
     """Return the side on which the motor touches the table, 0 where it touches none or there is no backlash."""
     near = min(spare, 0.1 * (sides[1] - sides[0]))
@@ -157,7 +157,7 @@ def possible_sides(ends: Any, chain: Any, swings: Any, sides: Any) -> Array:
     return out
 
 
-@inner
+@lean
 def _nearest(points: Any, k: int, along: Any, low: float, high: float, spot: Any) -> tuple[float, float]:
     """Return the place nearest to a spot on a line, from `low` to `high` along the polyline, and its distance [m]."""
     length = along[k + 1] - along[k]
@@ -175,7 +175,7 @@ def _nearest(points: Any, k: int, along: Any, low: float, high: float, spot: Any
     return along[k] + share * length, math.sqrt(square)
 
 
-@inner
+@lean
 def _distance_to(a: Any, b: Any, spot: Any) -> float:
     """Return the distance [m] of a spot from the line between two points."""
     square, dot = 0.0, 0.0

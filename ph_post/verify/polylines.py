@@ -7,7 +7,7 @@ import math
 import msgspec
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, lean
 from ph_post.gcode.program import ARC, CUBIC, NURBS, Motions, expand, plane_columns
 from ph_post.types import Array, IntArray
 from ph_post.units import MM
@@ -16,7 +16,7 @@ _NONE = (2.0, -1.0)
 """An empty interval."""
 
 
-@inner
+@lean
 def _free(a: Array, b: Array, p: Array, bound: float) -> tuple[float, float]:
     """Part of the segment from a to b, in [0, 1], that lies within the bound of p."""
     square, along, rest = 0.0, 0.0, -bound * bound
@@ -35,7 +35,7 @@ def _free(a: Array, b: Array, p: Array, bound: float) -> tuple[float, float]:
     return (low, high) if low <= high else _NONE
 
 
-@inner
+@lean
 def _first_apart(p: Array, q: Array, bound: float) -> int:
     """First point of q that is not near the first of p; q's size where a point of p is not near q's first."""
     for j in range(q.shape[0]):
@@ -47,7 +47,7 @@ def _first_apart(p: Array, q: Array, bound: float) -> int:
     return -1
 
 
-@inner
+@lean
 def _left_edge(p: Array, q: Array, bound: float, low: Array, high: Array) -> int:
     """Move on along q while p waits at its first point; returns the last segment of q that is reached."""
     for j in range(q.shape[0] - 1):
@@ -59,7 +59,7 @@ def _left_edge(p: Array, q: Array, bound: float, low: Array, high: Array) -> int
     return int(q.shape[0] - 2)
 
 
-@inner
+@lean
 def _pass_column(
     p: Array,
     q: Array,
@@ -93,7 +93,7 @@ def _pass_column(
     return first, last
 
 
-@inner
+@lean
 def _within(p: Array, q: Array, bound: float, low: Array, high: Array) -> int:
     """Decide for one pair: -1 where q follows p, else the first point of q that cannot be reached."""
     segments = q.shape[0] - 1

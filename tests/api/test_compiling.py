@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numba import config
+from numba import config, njit
+from numba.core.errors import NumbaError
 
 import ph_post
 from ph_post import compiling
@@ -139,6 +140,46 @@ def test_without_a_temporary_folder_nothing_is_kept(monkeypatch):
 
     monkeypatch.setattr(tempfile, "gettempdir", nowhere)
     assert compiling._private_folder() is None
+
+
+@compiling.lean
+def _first(values):
+    return values[0]
+
+
+@compiling.lean
+def _view(values):
+    return values[1:]
+
+
+@compiling.inner
+def _made(values):
+    return np.zeros(values.size)
+
+
+@compiling.lean
+def _asks(values):
+    return _made(values).size
+
+
+def test_lean_functions_count_no_references():
+    @njit
+    def whole(values):
+        return _first(values[1])
+
+    assert whole(np.arange(6.0).reshape(2, 3)) == 3.0
+    (made,) = _first.overloads.values()
+    assert "NRT_" not in made.library.get_llvm_str()
+
+
+@pytest.mark.parametrize("function", [_view, _asks])
+def test_a_lean_function_that_would_have_to_count_references_is_refused(function):
+    @njit
+    def whole(values):
+        return function(values)
+
+    with pytest.raises((NumbaError, TypeError), match=r"cannot be lean|returning of array"):
+        whole(np.arange(6.0))
 
 
 TOYS = {

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, inner, lean
 from ph_post.gcode.fitting.samples import ROUND, STRAIGHT, is_flat
 from ph_post.types import Array, BoolArray, IntArray
 
@@ -38,7 +38,7 @@ MEETS_AT: Final = 5e-4
 """Angle [rad] by which neighbouring arcs may miss each other's tangents: half of what counts as a corner."""
 
 
-@inner
+@lean
 def _circle(points: Array, i: int, j: int, out: Array) -> bool:
     """Find the circle through i and j nearest to what lies between, in `out`: centre, radius, sense; False if none.
 
@@ -67,7 +67,7 @@ def _circle(points: Array, i: int, j: int, out: Array) -> bool:
     return far * sense < WIDEST * radius
 
 
-@inner
+@lean
 def _round_holds(points: Array, i: int, j: int, tolerance: float, out: Array) -> bool:
     """Return True if one arc from i to j explains what is between, each vertex ahead of the one before."""
     if not _circle(points, i, j, out):
@@ -84,7 +84,7 @@ def _round_holds(points: Array, i: int, j: int, tolerance: float, out: Array) ->
     return True
 
 
-@inner
+@lean
 def _straight_holds(points: Array, i: int, j: int, tolerance: float) -> bool:
     ex, ey, ez = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
     size = math.sqrt(ex * ex + ey * ey + ez * ez)
@@ -101,14 +101,14 @@ def _straight_holds(points: Array, i: int, j: int, tolerance: float) -> bool:
     return True
 
 
-@inner
+@lean
 def _holds(points: Array, i: int, j: int, tolerance: float, kind: int, out: Array) -> bool:
     if kind == STRAIGHT:
         return _straight_holds(points, i, j, tolerance)
     return _round_holds(points, i, j, tolerance, out)
 
 
-@inner
+@lean
 def _reach(points: Array, i: int, j: int, last: int, tolerance: float, kind: int, out: Array) -> int:
     """Find the farthest vertex, from j on, up to which one line or arc from i holds; i where none does."""
     if not _holds(points, i, j, tolerance, kind, out):
@@ -129,7 +129,7 @@ def _reach(points: Array, i: int, j: int, last: int, tolerance: float, kind: int
     return j
 
 
-@inner
+@lean
 def _found(
     points: Array, along: Array, first: int, i: int, last: int, tolerance: float, kind: int, out: Array
 ) -> tuple[int, int]:
@@ -163,7 +163,7 @@ def _bulge(points: Array, i: int, j: int) -> float:
     return 1.5 * math.sqrt(square) / (j - i - 1)
 
 
-@inner
+@lean
 def _is_wide(points: Array, i: int, j: int, kind: int, out: Array) -> bool:
     """Return True if an arc ends only because it is as long as an arc may be: more than half a turn."""
     if kind == STRAIGHT or not _circle(points, i, j, out):
@@ -173,7 +173,7 @@ def _is_wide(points: Array, i: int, j: int, kind: int, out: Array) -> bool:
     return bool(out[3] * (ex * (out[1] - my) - ey * (out[0] - mx)) < 0.0)
 
 
-@inner
+@lean
 def _end_tangents(points: Array, i: int, j: int, kind: int, circle: Array, out: Array) -> None:
     """Write the unit tangents of a line or an arc at both its ends."""
     for end in range(2):
@@ -190,12 +190,12 @@ def _end_tangents(points: Array, i: int, j: int, kind: int, circle: Array, out: 
             out[end, axis] /= size
 
 
-@inner
+@lean
 def _apart(a: Array, b: Array) -> float:
     return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
-@inner
+@lean
 def _set_tangents(tangent: Array, ends: Array, a: int, b: int, first: int, last: int) -> None:
     """Give the vertices a and b the tangents of what runs between them, on both sides inside a run."""
     for axis in range(3):
@@ -263,7 +263,7 @@ def _scan(
     return count
 
 
-@inner
+@lean
 def _ends_of(points: Array, i: int, j: int, kind: int, circle: Array, tolerance: float, ends: Array) -> bool:
     """Write the end tangents of a line or an arc from i to j, and return True if it holds."""
     good = _holds(points, i, j, tolerance, kind, circle)

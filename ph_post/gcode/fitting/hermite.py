@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, inner, lean
 from ph_post.gcode.fitting.samples import ROUND, SMOOTH, STRAIGHT, is_flat
 from ph_post.types import Array, BoolArray, IntArray
 
@@ -46,7 +46,7 @@ def _ph_quintic(points: Array, i: int, j: int, d0: Array, d1: Array, control: Ar
     speed[2] = (2.0 * abs(w1) ** 2 + (w0.conjugate() * w2).real) / 3.0
 
 
-@inner
+@lean
 def _cubic(points: Array, i: int, j: int, d0: Array, d1: Array, control: Array) -> None:
     for axis in range(3):
         control[0, axis], control[3, axis] = points[i, axis], points[j, axis]
@@ -78,7 +78,7 @@ def _interpolate(
     return 3
 
 
-@inner
+@lean
 def _evaluate(control: Array, degree: int, u: float, value: Array, slope: Array) -> None:
     """Point and derivative by de Casteljau."""
     for axis in range(3):
@@ -95,7 +95,7 @@ def _evaluate(control: Array, degree: int, u: float, value: Array, slope: Array)
         value[axis], slope[axis] = v * c0 + u * c1, degree * (c1 - c0)
 
 
-@inner
+@lean
 def _foot(points: Array, k: int, control: Array, degree: int, u: float, value: Array, slope: Array) -> float:
     """Parameter at which a curve is nearest to vertex k, from nearby; `value` is the point there."""
     for _ in range(3):
@@ -111,7 +111,7 @@ def _foot(points: Array, k: int, control: Array, degree: int, u: float, value: A
     return u
 
 
-@inner
+@lean
 def _from_chord(points: Array, k: int, value: Array) -> tuple[float, float]:
     """Distance of a point from the chord between vertices k and k + 1."""
     along, square, size = 0.0, 0.0, 0.0
@@ -157,7 +157,7 @@ def _fits(
     return True
 
 
-@inner
+@lean
 def _longest(
     points: Array,
     along: Array,

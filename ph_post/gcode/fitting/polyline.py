@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, inner, lean
 from ph_post.gcode.arcs import swept_angle
 from ph_post.gcode.fitting.arcs import find_arcs
 from ph_post.gcode.fitting.hermite import fill_pieces, write_interpolants
@@ -31,7 +31,7 @@ STRAYS: Final = 1.5
 """Times the turn there by which a tangent may be off a chord: half of it is usual."""
 
 
-@inner
+@lean
 def _stencil(along: Array, first: int, last: int, k: int, base: float, out: IntArray) -> int:
     """Choose up to MOST vertices about k in first … last, `base` apart if there is room; return their number."""
     out[0], left, right = k, 0, 0
@@ -62,7 +62,7 @@ def _stencil(along: Array, first: int, last: int, k: int, base: float, out: IntA
     return count
 
 
-@inner
+@lean
 def _differentiate(points: Array, along: Array, which: IntArray, count: int, out: Array) -> None:
     """Write the unit tangent at vertex which[0]: the derivative of the polynomial through all (Lagrange)."""
     out[0] = out[1] = out[2] = 0.0
@@ -103,7 +103,7 @@ def _lengths(points: Array) -> tuple[Array, Array]:
     return along, turn
 
 
-@inner
+@lean
 def _strays(points: Array, turn: Array, first: int, last: int, k: int, tolerance: float, tangent: Array) -> bool:
     """Return True if the tangent at vertex k, of a curve from first to last, is not about between the chords there."""
     for near in (k - 1, k):
@@ -151,7 +151,7 @@ def _tangents(points: Array, corners: BoolArray, lines: BoolArray, tolerance: fl
     return tangent, along, turn
 
 
-@inner
+@lean
 def _chord(points: Array, i: int, j: int, out: Array) -> None:
     size = 0.0
     for axis in range(3):

@@ -8,7 +8,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, inner, lean
 from ph_post.types import Array, BoolArray, IntArray
 
 SHARP: Final = 0.6
@@ -44,7 +44,7 @@ COLLINEAR: Final = 1e-10
 """Points within so much [m] of a straight line are on it: rounding of the coordinates."""
 
 
-@inner
+@lean
 def is_flat(points: Array, first: int, last: int) -> bool:
     """Return True if vertices `first` to `last` have the same third coordinate."""
     flat = True
@@ -53,7 +53,7 @@ def is_flat(points: Array, first: int, last: int) -> bool:
     return flat
 
 
-@inner
+@lean
 def _turn(points: Array, i: int, j: int, k: int) -> float:
     """Angle [rad] between the straight lines from vertex i to j and from j to k."""
     along, ax, ay, az = 0.0, 0.0, 0.0, 0.0
@@ -64,7 +64,7 @@ def _turn(points: Array, i: int, j: int, k: int) -> float:
     return math.atan2(math.sqrt(ax * ax + ay * ay + az * az), along)
 
 
-@inner
+@lean
 def _off(points: Array, i: int, j: int, k: int) -> float:
     """Distance of vertex j from the straight line through i and k, infinite where it lies outside."""
     x0, y0, z0 = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
@@ -76,7 +76,7 @@ def _off(points: Array, i: int, j: int, k: int) -> float:
     return math.sqrt((ax * ax + ay * ay + az * az) / square)
 
 
-@inner
+@lean
 def _distance(points: Array, i: int, j: int) -> float:
     x, y, z = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
     return math.sqrt(x * x + y * y + z * z)
@@ -117,7 +117,7 @@ def _corners(node: IntArray, length: Array, turn: Array, sharp: BoolArray, toler
     return corner
 
 
-@inner
+@lean
 def _leaves(
     points: Array, node: IntArray, length: Array, corner: BoolArray, k: int, step: int, tolerance: float
 ) -> bool:
@@ -143,7 +143,7 @@ def _leaves(
     return False
 
 
-@inner
+@lean
 def _sagitta(length: Array, turn: Array, corner: BoolArray, k: int) -> float:
     """Sagitta [m] of a curve that stretch k would be a chord of: a circle divides the turn at a vertex by lengths."""
     share = 0.0
@@ -176,7 +176,7 @@ def _lines(points: Array, node: IntArray, length: Array, turn: Array, corner: Bo
     return line
 
 
-@inner
+@lean
 def _misses(points: Array, node: IntArray, length: Array, turn: Array, k: int, forwards: bool) -> bool:
     """Angle between a line and the circle through the first three nodes of the curve behind its end k."""
     step = 1 if forwards else -1

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, lean
 from ph_post.types import Array, BoolArray, ExactPath, GrblCorner, JerkCorner, KlipperCorner
 
 GRBL, MARLIN, JERK, KLIPPER = range(4)
@@ -50,13 +50,13 @@ def corner_rule(planner: ExactPath, acceleration: float) -> tuple[int, Array]:
     return (GRBL if isinstance(corner, GrblCorner) else MARLIN), np.array([corner.deviation])
 
 
-@inner
+@lean
 def _cosine(one: Array, two: Array) -> float:
     found: float = one[0] * two[0] + one[1] * two[1] + one[2] * two[2]
     return found
 
 
-@inner
+@lean
 def _turning_acceleration(one: Array, two: Array, most: Array, along: float) -> float:
     """Acceleration that the axes can in the direction in which the velocity changes, at most `along`."""
     size = 0.0
@@ -71,7 +71,7 @@ def _turning_acceleration(one: Array, two: Array, most: Array, along: float) -> 
     return found
 
 
-@inner
+@lean
 def _by_deviation(one: Array, two: Array, most: Array, deviation: float) -> float:
     """Squared speed of a corner in Grbl."""
     cosine = _cosine(one, two)
@@ -83,7 +83,7 @@ def _by_deviation(one: Array, two: Array, most: Array, deviation: float) -> floa
     return _turning_acceleration(one, two, most, math.inf) * deviation * half / (1.0 - half)
 
 
-@inner
+@lean
 def _by_marlin(one: Array, two: Array, most: Array, along: float, length: float, deviation: float) -> float:
     """Squared speed of a corner in Marlin; `length` and acceleration `along` are those of the block behind it."""
     cosine = _cosine(one, two)
@@ -98,7 +98,7 @@ def _by_marlin(one: Array, two: Array, most: Array, along: float, length: float,
     return found
 
 
-@inner
+@lean
 def _safe_speed(unit: Array, speed: float, jerk: Array) -> float:
     """Speed from which a block may stop at once."""
     safe = speed
@@ -108,7 +108,7 @@ def _safe_speed(unit: Array, speed: float, jerk: Array) -> float:
     return safe
 
 
-@inner
+@lean
 def _by_jerk(one: Array, two: Array, before: float, after: float, jerk: Array) -> float:
     """Speed of a corner in Marlin's classic jerk, between blocks of these speeds."""
     speed = min(before, after)
@@ -123,7 +123,7 @@ def _by_jerk(one: Array, two: Array, before: float, after: float, jerk: Array) -
     return second if min(first, second) > COAST * found else found
 
 
-@inner
+@lean
 def _by_square(one: Array, two: Array, push: Array, length: Array, deviation: float) -> float:
     """Squared speed of a corner in Klipper; `push` and `length` of both blocks."""
     cosine = _cosine(one, two)

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ph_post.bounds import in_parts
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, lean
 from ph_post.gcode.program import PartProgram
 from ph_post.simulate.controllers.chords import StraightBlocks
 from ph_post.simulate.controllers.corner_rules import corner_rule, corner_speeds
@@ -25,7 +25,7 @@ ROUNDING: Final = 1e-9
 """Part of a period by which a motion may be longer than whole periods."""
 
 
-@inner
+@lean
 def _gain(push: Array, length: Array, k: int) -> float:
     """Return by how much the squared speed grows in a block [m²/s²]."""
     return 2.0 * push[k] * length[k]  # type: ignore[no-any-return]
@@ -115,7 +115,7 @@ def look_ahead_smoothly(
     return found
 
 
-@inner
+@lean
 def _cruise(found: Array, first: int, last: int, peak: float) -> None:
     """Fill the blocks that can only slow down: none is faster than the one before it."""
     for k in range(first, last):

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, lean
 from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, PartProgram
 from ph_post.simulate.controllers.legs import ACROSS, SHORTEST, Legs, make_legs, with_splines
 from ph_post.simulate.controllers.unknown import known_ends
@@ -58,7 +58,7 @@ def linked_ends(starts: Array, ends: Array, linking: Array, feed: Array, flat: I
     return kept
 
 
-@inner
+@lean
 def _is_near(start: Array, ends: Array, first: int, last: int, tolerance: float) -> bool:
     """Return whether the ends of moves are within a tolerance of the line from `start` to the end of the last."""
     square = 0.0

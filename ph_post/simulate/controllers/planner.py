@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, inner, lean
 from ph_post.simulate.controllers.legs import (
     ACROSS,
     ALONG,
@@ -80,7 +80,7 @@ DONE, V, CYCLE, SPLIT, TERM_V, REMOVE, LATCHED, SLOWING, BLEND_V, RAMP, ACTIVE, 
 COLUMNS = 25
 
 
-@inner
+@lean
 def tangent_of(legs: Array, row: int, at_end: bool, out: Array) -> None:
     """Put the unit tangent of a leg at one of its ends into `out`."""
     if legs[row, RADIUS] == 0.0:
@@ -103,7 +103,7 @@ def tangent_of(legs: Array, row: int, at_end: bool, out: Array) -> None:
         out[k] /= norm
 
 
-@inner
+@lean
 def _acceleration(table: Array, row: int) -> float:
     """Acceleration along a leg, with what corners and blends take of it."""
     scale = 1.0 - max(table[row, LESS], table[row, LESS_BEFORE])
@@ -113,13 +113,13 @@ def _acceleration(table: Array, row: int) -> float:
     return found
 
 
-@inner
+@lean
 def along(table: Array, row: int) -> float:
     """Acceleration in the direction of travel."""
     return _acceleration(table, row) * (table[row, RATIO] if table[row, KIND] != LINE else 1.0)
 
 
-@inner
+@lean
 def _finish(legs: Array, table: Array, row: int, period: float) -> None:
     """Fix a leg whose length will not change any more."""
     table[row, MOST] = min(table[row, MOST], table[row, LENGTH] / period)
@@ -137,7 +137,7 @@ def _finish(legs: Array, table: Array, row: int, period: float) -> None:
         table[row, RATIO] = math.sqrt(max(1.0 - (needed / bound) ** 2, 0.0))
 
 
-@inner
+@lean
 def _kink(one: Array, two: Array, speed: float, push: float, period: float, limits: Array) -> float:
     """Largest share of an axis' acceleration that a corner takes in one period at some speed."""
     worst = 0.0
@@ -146,7 +146,7 @@ def _kink(one: Array, two: Array, speed: float, push: float, period: float, limi
     return worst
 
 
-@inner
+@lean
 def blend_speeds(legs: Array, table: Array, row: int, one: Array, two: Array, part: float) -> tuple[float, float]:
     """Speed below which a leg lets the next one start, and the speed that passes the corner then.
 
@@ -166,13 +166,13 @@ def blend_speeds(legs: Array, table: Array, row: int, one: Array, two: Array, pa
     return this, 0.5 * math.sin(theta) * (this + after)
 
 
-@inner
+@lean
 def _copy(moves: Array, source: int, legs: Array, row: int) -> None:
     for k in range(moves.shape[1]):
         legs[row, k] = moves[source, k]
 
 
-@inner
+@lean
 def _enter(legs: Array, table: Array, row: int, period: float) -> None:
     """Begin the row of the working table of a leg that enters the queue."""
     for k in range(COLUMNS):
@@ -187,7 +187,7 @@ def _enter(legs: Array, table: Array, row: int, period: float) -> None:
     table[row, KINK_SPEED], table[row, RATIO], table[row, CYCLE] = -1.0, ALONG, period
 
 
-@inner
+@lean
 def _cross(one: Array, two: Array, out: Array) -> None:
     """Put the vector product into `out`."""
     out[0] = one[1] * two[2] - one[2] * two[1]
@@ -208,7 +208,7 @@ def _least_extent(one: Array, two: Array, limits: Array, column: int) -> float:
     return least
 
 
-@inner
+@lean
 def _rounding(
     legs: Array, table: Array, row: int, one: Array, two: Array, limits: Array
 ) -> tuple[float, float, float, float]:
@@ -309,7 +309,7 @@ def _round(
     return row + 2
 
 
-@inner
+@lean
 def _cut_beginning(legs: Array, row: int, cut: float) -> None:
     """Take a piece off the beginning of a leg."""
     length = legs[row, EXTENT]
@@ -328,7 +328,7 @@ def _cut_beginning(legs: Array, row: int, cut: float) -> None:
     legs[row, EXTENT] = length - cut
 
 
-@inner
+@lean
 def _swallow(legs: Array, table: Array, row: int) -> int:
     """Make what is left of a line the beginning of the rounding behind it; the number of the leg after it."""
     lead = legs[row, EXTENT]
@@ -346,7 +346,7 @@ def _swallow(legs: Array, table: Array, row: int) -> int:
     return row + 1
 
 
-@inner
+@lean
 def place_of(legs: Array, row: int, s: float, k: int) -> float:
     """Coordinate k of the point of a leg at s from its beginning."""
     place: float
@@ -365,7 +365,7 @@ def place_of(legs: Array, row: int, s: float, k: int) -> float:
     return place
 
 
-@inner
+@lean
 def _join(legs: Array, table: Array, row: int, tangents: Array, limits: Array, period: float) -> int:
     """Decide how a leg ends, now that the next one is known; the number of the latter then."""
     after = row + 1
@@ -411,7 +411,7 @@ def _join(legs: Array, table: Array, row: int, tangents: Array, limits: Array, p
     return after
 
 
-@inner
+@lean
 def _look_ahead(table: Array, begin: int, end: int, period: float) -> None:
     """Raise the speeds at the ends of the legs of a queue that has just got its last one, as far as LinuxCNC goes.
 

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ph_post.compiling import compiled, inner
+from ph_post.compiling import compiled, lean
 from ph_post.simulate.controllers.legs import BLEND, DRAINS, EXACT, MOTION, RAPID, SHARE0, SHARE1, STOP, TANGENT
 from ph_post.simulate.controllers.planner import (
     ACTIVE,
@@ -43,7 +43,7 @@ LEAST_LENGTH = 1e-15
 """[m]: what is left at the end of a leg counts as nothing."""
 
 
-@inner
+@lean
 def _final_speed(table: Array, row: int, after: int) -> float:
     """Speed with which a leg is to end."""
     if table[row, END] != TANGENT or after < 0:
@@ -53,7 +53,7 @@ def _final_speed(table: Array, row: int, after: int) -> float:
     return final
 
 
-@inner
+@lean
 def _towards(table: Array, row: int, after: int) -> tuple[float, float]:
     """Acceleration of a leg in the next step, and the speed it is after."""
     left = table[row, LENGTH] - table[row, DONE]
@@ -71,7 +71,7 @@ def _towards(table: Array, row: int, after: int) -> tuple[float, float]:
     return min(max((aim - speed) / max(step, LEAST_TIME), -most), most), reachable
 
 
-@inner
+@lean
 def _step(table: Array, row: int, after: int, period: float) -> None:
     """Take a leg one step on, and see whether it will end within the next period."""
     acc, wanted = _towards(table, row, after)
@@ -88,7 +88,7 @@ def _step(table: Array, row: int, after: int, period: float) -> None:
     _see_end(table, row, after, period)
 
 
-@inner
+@lean
 def _see_end(table: Array, row: int, after: int, period: float) -> None:
     """Mark a leg that will end within the next period, with the time and the speed it ends with."""
     table[row, CYCLE] = period
@@ -125,7 +125,7 @@ def _see_end(table: Array, row: int, after: int, period: float) -> None:
         table[row, SPLIT], table[row, CYCLE], table[row, TERM_V] = 1.0, time, final
 
 
-@inner
+@lean
 def _activate(table: Array, row: int, rapid: float) -> None:
     """Choose how a leg changes its speed when it begins: evenly where it is short."""
     table[row, ACTIVE] = 1.0
@@ -136,7 +136,7 @@ def _activate(table: Array, row: int, rapid: float) -> None:
         table[row, RAMP] = 1.0
 
 
-@inner
+@lean
 def _cycle(legs: Array, table: Array, row: int, end: int, tangents: Array, period: float) -> int:
     """Run the planner for one period; the leg that is active then."""
     after = row + 1 if row + 1 < end else -1
