@@ -263,7 +263,8 @@ def _descend(
     `first` are the slopes of the start, where they are known.
 
     The rows are many and the unknowns few: each set of slopes is brought to a triangle once, of which every step is
-    worked out. An unknown at its bound that would leave stays there.
+    worked out. An unknown at its bound that would leave stays there. A step that a bound cuts may promise less than
+    nothing; a shorter one does not.
     """
     low, high = np.array([one.low for one in numbers]), np.array([one.high for one in numbers])
     scale = np.array([one.scale for one in numbers])
@@ -292,7 +293,7 @@ def _descend(
                 break
             slopes = _slopes(rows, numbers, known, at)
             q, triangle = _triangle(slopes * scale, here)
-        elif still or promised <= close * close * square:
+        elif still or 0.0 <= promised <= close * close * square:
             break
         else:
             damping *= harder

@@ -105,7 +105,7 @@ def test_a_filter_as_long_as_the_loop_makes_of_its_feed_forward_is_ambiguous() -
 
 @pytest.mark.slow
 def test_a_filter_of_two_rows_is_named_where_no_course_between_them_makes_a_delay_of_it() -> None:
-    """2.18 ms: along straight lines a delay explains the log better, by 130 nats, along a curve the filter, by 150."""
+    """2.18 ms: along straight lines a delay explains the log better by 130 nats, on a curve the filter by 150."""
     is_named_and_sized("command_filter", "act+motor+force", "cascade-load", 9003)
 
 
