@@ -212,12 +212,10 @@ def line_origins(program: PartProgram, original: PartProgram) -> LineOrigins | N
     taken, replaced = np.ones(program.blocks, dtype=np.int64), np.zeros(program.blocks, dtype=np.int64)
     changed = np.zeros(program.blocks, dtype=np.bool_)
     for pattern in (_OWN_LINE, _OWN_FURTHER):
-        for found in pattern.finditer(program.data):
-            line = int(np.searchsorted(program.lines, found.start(), side="right")) - 1
+        for line, _ in _lines_with(pattern, program):
             if pattern is _OWN_LINE or (line and not taken[line - 1]):
                 taken[line] = 0
-    for found in CHANGE_MARK.finditer(program.data):
-        line = int(np.searchsorted(program.lines, found.start(), side="right")) - 1
+    for line, found in _lines_with(CHANGE_MARK, program):
         added, old = map(int, mark_text(found))
         taken[line], taken[line + 1 : line + 1 + added] = old, 0
         replaced[line + 1 : line + 1 + added] = old
@@ -226,6 +224,14 @@ def line_origins(program: PartProgram, original: PartProgram) -> LineOrigins | N
     if end[-1] != original.blocks:
         return None
     return LineOrigins(end - np.maximum(taken, replaced), end, changed)
+
+
+def _lines_with(pattern: re.Pattern[bytes], program: PartProgram) -> list[tuple[int, re.Match[bytes]]]:
+    """Return where a pattern is found in a program, with the number of the line."""
+    found = list(pattern.finditer(program.data))
+    places = np.array([one.start() for one in found], dtype=program.lines.dtype)
+    lines = np.searchsorted(program.lines, places, side="right") - 1
+    return list(zip(lines.tolist(), found, strict=True))
 
 
 def declaration_lines(declaration: Declaration, max_line: int, style: Comments = PARENTHESES) -> list[str]:

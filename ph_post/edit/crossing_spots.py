@@ -193,7 +193,7 @@ class SpotSearch:
             if carrier is not None and chain[carrier] == chain[0]:
                 found[n, MOTION], found[n, SHARE], found[n, CARRIED] = carrier, 1.0, 1.0
                 continue
-            rapid = int(np.searchsorted(ground.rapids, place, side="right")) - 1
+            rapid = int(np.searchsorted(ground.rapids, int(place), side="right")) - 1
             if rapid < 0 or ground.rapids[rapid] < ground.low[int(rows[n, CHAIN])]:
                 continue
             if np.isfinite(ground.program.motions.end[ground.rapids[rapid], column]):
