@@ -445,13 +445,13 @@ class SpotSearch:
         next_begin = np.where(spots.whole, spots.rest[:, 0], np.where(corner & ~calm, spots.at, -np.inf))
         limit = np.minimum(end, np.maximum(spots.bound[:, 1], np.append(next_begin[1:], -np.inf))[which])
         fits, finish, beside = np.zeros(which.size, dtype=np.bool_), begin.copy(), np.zeros(which.size)
+        corner_point = points_along(ground.view, ground.along, begin)
         for part in FROM_REST:
             own = begin + np.maximum(np.where(lit, np.minimum(feed * time, part * lost), feed * time), shortest)
             own = np.where(lit, np.minimum(own, end), own)
             own = np.where(end - own < shortest, np.maximum(own, end), own)
             fit = (own <= limit) & (own - begin >= shortest)
-            points = [points_along(ground.view, ground.along, one) for one in (begin, own)]
-            way = np.abs(points[1] - points[0])[np.arange(which.size), column]
+            way = np.abs(points_along(ground.view, ground.along, own) - corner_point)[np.arange(which.size), column]
             across = np.sqrt(np.maximum(1.0 - (way / np.maximum(own - begin, FINEST)) ** 2, 0.0))
             off = way * across * lost / (lost + way)
             fit &= lit | ((way <= PART * lost) & (off <= np.minimum(error[which], NEAR * (end - begin))))

@@ -226,10 +226,11 @@ def _least_ways(command: Command, position: Array, known: Counterparts, reach: f
     A cut that begins where its motion does goes on along the path as far as it has come, but for its offset. What was
     only added between two motions goes nowhere along it.
     """
-    motion, motions = np.maximum(command.segment, 0), known.program.motions
-    fresh = np.append(True, np.diff(motion) != 0)
-    begin = np.flatnonzero(fresh)[np.cumsum(fresh) - 1]
+    segment, motions = np.maximum(command.segment, 0), known.program.motions
+    fresh = np.append(True, np.diff(segment) != 0)
+    begin, own = np.flatnonzero(fresh), np.cumsum(fresh) - 1
+    motion = segment[begin]
     # An axis that the program never names does not move.
     late = np.linalg.norm(np.nan_to_num(position[begin] - motions.start[motion]), axis=1)
     follows = (motions.kind[motion] != RAPID) & (known.end > known.first)[motion] & (late <= reach)
-    return np.asarray(np.where(follows, command.s - command.s[begin] - late, -np.inf))
+    return np.asarray(np.where(follows[own], command.s - command.s[begin][own] - late[own], -np.inf))
