@@ -16,7 +16,9 @@ _OTHERS: Final = re.compile(rb"[XYZR]\s*[-+.\d]")
 _FASTEST: Final = re.compile(rb"G50\s*S\s*\d")
 _SURFACE: Final = re.compile(rb"G96(?![\d.])")
 
-_FEED: Final = re.compile(rb"(?<![A-Z_])F[ \t]*=?[ \t]*(\d+\.?\d*|\.\d+)")
+_FEED: Final = re.compile(rb"G[ \t]*0*4(?![.\d])[^\r\n]*|(?<![A-Z_])F[ \t]*=?[ \t]*(\d+\.?\d*|\.\d+)")
+"""A feed; beside G4 of Siemens F is a time."""
+
 SLOWEST: Final = 2.0
 """Feeds [mm/min or inch/min] up to which all of a program are more likely feeds a turn [mm or inch]."""
 
@@ -80,10 +82,10 @@ def has_feeds_per_turn(bare: bytes) -> bool:
 
     Examples
     --------
-    >>> [has_feeds_per_turn(text) for text in (b"G1 X1 F.2", b"F0.2 G1 X1 F100", b"G1 X1")]
-    [True, False, False]
+    >>> [has_feeds_per_turn(text) for text in (b"G1 X1 F.2", b"F0.2 G1 X1 F100", b"G1 X1", b"G4 F0.01")]
+    [True, False, False, False]
     """
-    feeds = [float(found[1]) for found in _FEED.finditer(bare)]
+    feeds = [float(found[1]) for found in _FEED.finditer(bare) if found[1]]
     return bool(feeds) and max(feeds) <= SLOWEST
 
 

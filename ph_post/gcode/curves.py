@@ -18,7 +18,7 @@ from ph_post.geometry.bernstein import subdivide
 from ph_post.geometry.curves import Arc, Bezier, Composite, Line
 from ph_post.geometry.joints import SHARP_CORNER_RAD, Joints, find_joints
 from ph_post.geometry.nurbs import Nurbs
-from ph_post.geometry.piecewise import MEETS, Piece, PiecewiseCurve, polynomial_piece
+from ph_post.geometry.piecewise import MEETS, Piece, PiecewiseCurve, extent, polynomial_piece
 from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, Curve, IntArray, Segment, frozen
 
@@ -210,10 +210,10 @@ def _with_bends(track: Track, number: IntArray, half: Array, bends: list[Composi
 
 
 def _shared(bend: Composite, here: Segment, there: Segment) -> list[Segment]:
-    """Bend in the feed of its neighbours, a half each where they differ."""
-    if here.feed == there.feed:
-        return [msgspec.structs.replace(here, curve=bend)]
+    """Bend in the feed of its neighbours, a half each where they differ and it is long enough."""
     halves = subdivide(bend.pieces[0].control.T)
+    if here.feed == there.feed or min(extent(control.T) for control in halves) <= MEETS:
+        return [msgspec.structs.replace(here, curve=bend)]
     return [
         msgspec.structs.replace(
             own, curve=Composite([polynomial_piece(frozen(np.ascontiguousarray(control.T)), 0.0, 1.0)])

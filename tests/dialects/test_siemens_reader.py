@@ -372,6 +372,11 @@ def test_a_lathe_s_x_is_followed_where_the_program_says_what_it_is(turned: str, 
     assert np.isnan(program.motions.feed[program.motions.kind == LINE]).all()
 
 
+def test_the_time_of_a_rest_is_no_feed_a_turn() -> None:
+    program = _read("G90 G71\nG0 X0 Y0 Z0\nG1 X10\nG4 F0.01\nG1 X20\nM30\n")
+    assert {state.feed_mode for state in program.modal} <= {None, 94}
+
+
 def test_a_mill_s_x_is_none() -> None:
     program = _read("G17 G90 G94\nG0 X40 Y2\nG1 Y-10 F200\nX50\nM30\n")
     assert program.motions.kind.size == 3
