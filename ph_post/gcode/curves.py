@@ -18,7 +18,7 @@ from ph_post.geometry.bernstein import subdivide
 from ph_post.geometry.curves import Arc, Bezier, Composite, Line
 from ph_post.geometry.joints import SHARP_CORNER_RAD, Joints, find_joints
 from ph_post.geometry.nurbs import Nurbs
-from ph_post.geometry.piecewise import MEETS, Piece, PiecewiseCurve, extent, polynomial_piece
+from ph_post.geometry.piecewise import MEETS, Piece, PiecewiseCurve, polynomial_piece
 from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, Curve, IntArray, Segment, frozen
 
@@ -186,7 +186,8 @@ def _half_lengths(track: Track, joints: Joints, s: Array, marked: BoolArray, tol
         pieces = np.diff(track.starts)[[joints.before[k], joints.after[k]]]
         room = SHARE * min(place - float(s[low - 1]), float(s[high]) - place, float(pieces.min()))
         half[k] = min(room, 2.0 * tolerance / float(joints.angle[k]), np.sqrt(8.0 * tolerance / max(jump, 1.0)))
-    return half
+    # What is shorter is a point, of which no curve is made.
+    return np.where(half > 2.0 * MEETS, half, 0.0)
 
 
 def _bend(track: Track, s: float, half: float) -> Composite:
@@ -210,10 +211,10 @@ def _with_bends(track: Track, number: IntArray, half: Array, bends: list[Composi
 
 
 def _shared(bend: Composite, here: Segment, there: Segment) -> list[Segment]:
-    """Bend in the feed of its neighbours, a half each where they differ and it is long enough."""
-    halves = subdivide(bend.pieces[0].control.T)
-    if here.feed == there.feed or min(extent(control.T) for control in halves) <= MEETS:
+    """Bend in the feed of its neighbours, a half each where they differ."""
+    if here.feed == there.feed:
         return [msgspec.structs.replace(here, curve=bend)]
+    halves = subdivide(bend.pieces[0].control.T)
     return [
         msgspec.structs.replace(
             own, curve=Composite([polynomial_piece(frozen(np.ascontiguousarray(control.T)), 0.0, 1.0)])

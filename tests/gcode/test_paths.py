@@ -340,3 +340,11 @@ def test_a_rapid_that_is_just_long_enough_across_is_a_piece() -> None:
     text = "G21 G90\nG1 X10 Y0 Z0 F600\nG0 X10.0000008 Y0.0000008\nG1 X10 Y10\n"
     (path,) = paths_of(read_program(text.encode(), "part"))
     assert [segment.rapid for segment in path.path.segments].count(True) == 1
+
+
+def test_a_corner_behind_a_move_of_nanometres_where_the_feed_changes_is_not_bent() -> None:
+    """4 nm of path have room for a bend of 1 nm, whose halves would be points."""
+    text = "G21 G90\nG0 X70 Y40\nG1 F300 X74.300638 Y40.6168\nG1 Y40.616804\nG1 F600 X74.232938 Y43.592239\nM2\n"
+    (path,) = paths_of(read_program(text.encode(), "part.ngc"))
+    first, last = np.hypot(4.300638, 0.6168), np.hypot(0.0677, 2.975435)
+    assert path.s[-1] == pytest.approx((first + last) * MM, abs=1e-8)
