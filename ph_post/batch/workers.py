@@ -397,7 +397,9 @@ def _connected(address: str) -> Iterator[Client]:
             there = asyncio.run(_ask_version(address))
         except Exception as error:
             wanted = "the address that `dask scheduler` prints, as tcp://host:8786"
-            words = " ".join(str(error).split()) or f"no answer in {PATIENCE:g} s"
+            # Dask tries again until the time is up, and then says so or nothing.
+            silent = isinstance(error, OSError) or not str(error)
+            words = f"no answer in {PATIENCE:g} s" if silent else " ".join(str(error).split())
             raise InputError(
                 f"--scheduler {address}", "no Dask scheduler answers", expected=wanted, got=words
             ) from None
