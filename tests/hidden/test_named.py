@@ -104,15 +104,21 @@ def test_a_filter_as_long_as_the_loop_makes_of_its_feed_forward_is_ambiguous() -
 
 
 @pytest.mark.slow
-def test_a_filter_of_two_rows_is_named_where_no_course_between_them_makes_a_delay_of_it() -> None:
-    """2.18 ms: along straight lines a delay explains the log better by 130 nats, on a curve the filter by 150."""
-    is_named_and_sized("command_filter", "act+motor+force", "cascade-load", 9003)
-
-
-@pytest.mark.slow
-def test_a_filter_that_leaves_noise_alone_is_not_taken_for_another_servo_of_more_numbers() -> None:
-    """An exponential one of 1.87 ms: with K_v, ω_v and T_n far off and half the feed forward as little is left."""
-    is_named_and_sized("command_filter", "act", "cascade", 12001)
+@pytest.mark.parametrize(
+    ("channels", "feedback", "seed"),
+    [
+        # 2.18 ms: along straight lines a delay explains the log better by 130 nats, on a curve the filter by 150.
+        pytest.param("act+motor+force", "cascade-load", 9003, id="two rows, of which no course makes a delay"),
+        # An exponential one of 1.87 ms: with K_v, ω_v and T_n far off and half the feed forward as little is left.
+        pytest.param("act", "cascade", 12001, id="noise is left, of which another servo would be five numbers more"),
+        # Its own fit ends beside the best there: 6.0 ms, which leaves more than a delay of half of that.
+        pytest.param("motor+force", "cascade-load", 1004, id="no delay, where the table hunts in its backlash"),
+        # Taken for the table's, as the filter bends the file's residual, the motor's reading needs two names more.
+        pytest.param("unknown", "cascade", 8004, id="the side on which a position was read is not hidden"),
+    ],
+)
+def test_a_filter_is_named(channels: str, feedback: str, seed: int) -> None:
+    is_named_and_sized("command_filter", channels, feedback, seed)
 
 
 @pytest.mark.parametrize(("name", "seed"), [("hum", 0), ("loading", 4)])
@@ -122,18 +128,6 @@ def test_what_no_name_explains_is_unknown_and_adds_nothing(name: str, seed: int)
     assert result["verdict"] == "unknown"
     assert not result["findings"]
     assert len(result["steps"]) == 1
-
-
-@pytest.mark.slow
-def test_a_filter_is_not_taken_for_a_delay_where_the_table_hunts_in_its_backlash() -> None:
-    """The filter's own fit ends beside the best there: 6.0 ms, which leaves more than a delay of half of that."""
-    is_named_and_sized("command_filter", "motor+force", "cascade-load", 1004)
-
-
-@pytest.mark.slow
-def test_a_filter_does_not_hide_on_which_side_a_position_was_read() -> None:
-    """Taken for the table's, as the filter bends the file's residual, the motor's reading needs two names more."""
-    is_named_and_sized("command_filter", "unknown", "cascade", 8004)
 
 
 @pytest.mark.slow
