@@ -433,11 +433,11 @@ class SpotSearch:
         if not which.size:
             return spots, found
         feed, column = spots.feed[which], spots.column[which]
-        axes = [ground.machine.axes[AXES[n]] for n in column.tolist()]
-        lost, push = np.array([(axis.gap.lost_motion, axis.limits.acceleration) for axis in axes]).T
+        lost, push = self._lost_and_push(column)
         time = 2.0 * np.sqrt(lost / push)
         if not isinstance(ground.planner, ExactPath):
-            time = np.maximum([ground.shapes[axis.name].wait for axis in axes], lost / np.sqrt(push * BLENDED))
+            waits = [ground.shapes[AXES[n]].wait for n in column.tolist()]
+            time = np.maximum(waits, lost / np.sqrt(push * BLENDED))
         shortest = shortest_block(feed)
         begin, end = spots.at[which], ground.along[behind[which] + 1]
         lit = burns[which]
@@ -472,18 +472,20 @@ class SpotSearch:
 
     def _burns_little(self, spots: Spots, which: IntArray, along: Array, lost: Array) -> BoolArray:
         """Return whether a beam may stay on in windows (n,) that lead `along` the path [m] behind corners."""
-        way = np.zeros((which.size, len(AXES)))
-        way[np.arange(which.size), spots.column[which]] = spots.rows[which, SIGN] * lost
-        return self._ground.burns_little(spots.at[which], along, way, spots.feed[which] * (1.0 + RAISED * lost / along))
+        speed = spots.feed[which] * (1.0 + RAISED * lost / along)
+        return self._ground.burns_little(spots.at[which], along, _ways_across(spots, which, lost), speed)
 
     def _stops_burn_little(self, spots: Spots, which: IntArray) -> BoolArray:
         """Return whether a beam may stay on in stops (n,) in which an axis alone crosses its backlash."""
-        axes = [self._ground.machine.axes[AXES[n]] for n in spots.column[which].tolist()]
-        lost, push = np.array([(axis.gap.lost_motion, axis.limits.acceleration) for axis in axes]).reshape(-1, 2).T
-        way = np.zeros((which.size, len(AXES)))
-        way[np.arange(which.size), spots.column[which]] = spots.rows[which, SIGN] * lost
+        lost, push = self._lost_and_push(spots.column[which])
         speed = np.minimum(spots.feed[which], np.sqrt(push * lost))
-        return self._ground.burns_little(spots.at[which], np.zeros(which.size), way, speed)
+        along, way = np.zeros(which.size), _ways_across(spots, which, lost)
+        return self._ground.burns_little(spots.at[which], along, way, speed)
+
+    def _lost_and_push(self, column: IntArray) -> Array:
+        """Lost motion [m] and acceleration [m/s²] of axes (n,), shape (2, n)."""
+        axes = [self._ground.machine.axes[AXES[n]] for n in column.tolist()]
+        return np.array([(axis.gap.lost_motion, axis.limits.acceleration) for axis in axes]).reshape(-1, 2).T
 
     @staticmethod
     def _shared(spots: Spots, which: IntArray, rests: Array) -> BoolArray:
@@ -551,6 +553,13 @@ class SpotSearch:
         left *= spots.rows[:, SIGN] * ground.part_side
         found[left > 0.0], found[left < 0.0] = OUTWARD, INWARD
         return found
+
+
+def _ways_across(spots: Spots, which: IntArray, lost: Array) -> Array:
+    """Ways (n, 3) [m] by which motors cross the backlash of axes."""
+    way = np.zeros((which.size, len(AXES)))
+    way[np.arange(which.size), spots.column[which]] = spots.rows[which, SIGN] * lost
+    return way
 
 
 def _in_order(spots: Spots) -> Spots:

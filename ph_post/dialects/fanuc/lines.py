@@ -20,7 +20,7 @@ _MACRO: Final = re.compile(MACRO)
 _QUOTIENT: Final = re.compile(rb"[ \t]*(?:N[ \t]*\d+[ \t]*)?#[^=/]*=[^/]*/")
 _BY_ZERO: Final = re.compile(rb"=.*/[ \t]*\[?[ \t]*(?:0+\.?0*|\.0+)(?![\d.])")
 _LOOP: Final = re.compile(rb"(DO|END)[ \t]*(\d+)")
-_JUMP: Final = re.compile(rb"(GOTO)[ \t]*(\d*)|(M0*99)(?!\d)[ \t]*P[ \t]*(\d*)")
+_JUMP: Final = re.compile(rb"(GOTO|M0*99[ \t]*P)[ \t]*(\d*)")
 """A jump, and an end that leads to a line: of the same program where that is the main one, else of its caller."""
 
 _MODES: Final[Mapping[float, tuple[bytes, str]]] = {
@@ -311,10 +311,9 @@ def jumps_and_loops(bares: Mapping[int, bytes], bare: bytes, lines: PlaceArray) 
                 open_at.setdefault(label, number)
             elif label in open_at:
                 found.append(PassedLines(first=open_at.pop(label), last=number, what="loop of a macro"))
-        for jump in _JUMP.finditer(text):
-            label = jump[2] if jump[1] else jump[4]
+        for word, label in _JUMP.findall(text):
             target = _target(label, bare)
-            if target is None and label and jump[3]:
+            if target is None and label and word != b"GOTO":
                 continue
             if target is None:
                 shown = text.strip().decode("ascii", "replace")
