@@ -262,6 +262,22 @@ def tightened(options: EditOptions, finding: GuardFinding, allowed: float, count
     return replace(options, max_slowdown=less, left=left)
 
 
+def by_what_is_done(finding: GuardFinding, left: frozenset[int], count: int) -> GuardFinding:
+    """Let a finding say nothing of sections that are left alone between others that are: they are as they were.
+
+    Where samples of their errors fall may differ by more than what is allowed.
+
+    Examples
+    --------
+    >>> found = GuardFinding(worse=frozenset({0, 3, 6}), slowdown=0.0, planned=0.0, rms=0.0)
+    >>> sorted(by_what_is_done(found, frozenset({0, 1, 3, 5, 6, 7}), 9).worse)
+    [3]
+    """
+    beside = {n for n in range(-1, count + 1) if n in left or not 0 <= n < count}
+    alone = {n for n in finding.worse if beside >= {n - 1, n, n + 1}}
+    return replace(finding, worse=finding.worse - alone, runs_on=finding.runs_on - alone)
+
+
 def otherwise(options: EditOptions, finding: GuardFinding, allowed: float, over: float) -> EditOptions:
     """Return the options for another plan beside a good one that was short of time.
 

@@ -19,6 +19,7 @@ from ph_post.api.guard import (
     ROUNDS,
     Guard,
     GuardFinding,
+    by_what_is_done,
     otherwise,
     tightened,
     with_neighbours,
@@ -433,6 +434,8 @@ class _PlanSearch:
                 return replace(options, plain_corners=True)
             return self._without_failed(made, refused, options)
         judged = self._guard.compare(made.motions[1], made.edits.slowdown)
+        if judged is not None:
+            judged = by_what_is_done(judged, options.left, self._count)
         chooses = find_traits(self._request.plan.strategy).chooses
         if judged is not None and not (chooses or self._planner.offsets_axes):
             # Dips and stops that were asked for by name keep to the time; what they do to the part is told.

@@ -16,6 +16,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from ph_post.edit.crossing_shapes import AT_SPEED
 from ph_post.simulate.controllers.chords import limits_along
 from ph_post.simulate.controllers.exact_path import block_times
 from ph_post.simulate.controllers.junctions import junction_speed
@@ -84,6 +85,38 @@ def burns_little(machine: Machine, crossings: CornerCrossings) -> BoolArray:
     inside = np.where(stays < length, _ramp(stays, first, speed, push), _between(length, first, last, speed, push))
     burnt = _ramp(lost, first, before, brake) + inside + _ramp(beyond, last, behind, gain)
     return np.asarray(burnt <= np.minimum(plain + ADDED * stopped, LONGER * plain))
+
+
+class CornerWindows(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Windows around corners in which the axis that turns waits while the others go on, n of them.
+
+    `length` (n,) [m] and `speed` (n,) of the path in them [m/s]; `slope` (n,) of the waiting axis beside the corner;
+    `passed` and `feed` (n,) speeds of the original in the corner and beside it [m/s], `push` (n,) its acceleration
+    [m/s²], and `lost` (n,) the lost motion that is crossed [m].
+    """
+
+    length: Array
+    speed: Array
+    slope: Array
+    passed: Array
+    feed: Array
+    push: Array
+    lost: Array
+
+
+def windows_burn_little(windows: CornerWindows) -> BoolArray:
+    """Return whether a beam may stay on in windows (n,) around corners that the path passes slowly anyway.
+
+    By the same measures as of :func:`burns_little`; false where the original is at its feed.
+    """
+    lost, feed = windows.lost, windows.feed
+    plain, stopped = (2.0 * _ramp(lost, one, feed, windows.push) for one in (windows.passed, 0.0 * windows.passed))
+    others = np.sqrt(np.maximum(1.0 - windows.slope**2, 0.0))
+    inside = np.minimum(windows.length, 2.0 * lost / np.maximum(others, 1e-6))
+    beyond = np.maximum(2.0 * lost - windows.length * others, 0.0)
+    burnt = (inside + beyond) / np.maximum(windows.speed, 1e-9)
+    slow = windows.passed < AT_SPEED * feed
+    return np.asarray(slow & (burnt <= np.minimum(plain + ADDED * stopped, LONGER * plain)))
 
 
 def _share_near(crossings: CornerCrossings) -> Array:

@@ -84,7 +84,7 @@ class CrossingCosts:
         """Time [s] that a stop with a move of the axis alone takes, rests apart (n,)."""
         axes = self._ground.machine.axes
         moves = [math.sqrt(axes[n].gap.lost_motion / axes[n].limits.acceleration) if n in axes else 0.0 for n in AXES]
-        passed = self._at_corners(spots)
+        passed = self.at_corners(spots)
         # Between its ends 2 √(g/a); a corner is passed slowly anyway, which takes about half of it.
         longer = 1.0 + np.minimum(passed / np.maximum(spots.feed, LEAST_FEED), 1.0)
         move = np.array(moves)[spots.column] * longer
@@ -95,7 +95,7 @@ class CrossingCosts:
             move = np.where(spots.rows[:, SIGN] == 0.0, move, np.maximum(move, lost / fastest))
         return np.asarray(move + passed / self._ground.push[spots.rows[:, MOTION].astype(np.int64)])
 
-    def _at_corners(self, spots: Spots) -> Array:
+    def at_corners(self, spots: Spots) -> Array:
         """Speed at which the path passes the place of every change (n,) [m/s]: 0 where it is no reversal in a cut.
 
         An exact path passes the corner of two lines no faster than the rule of its controller lets it.

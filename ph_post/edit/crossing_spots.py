@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.edit.beam_exposure import RAISED
+from ph_post.edit.beam_exposure import RAISED, CornerWindows, windows_burn_little
 from ph_post.edit.crossing_costs import CrossingCosts
 from ph_post.edit.crossing_ground import LEAST_FEED, CrossingGround, Spots
 from ph_post.edit.crossing_shapes import (
@@ -275,13 +275,8 @@ class SpotSearch:
         corrected = (ground.contours.number[motion] >= 0) | (ground.contours.number[behind] >= 0)
         calm &= ~corrected | (spots.spread > 0.0)
         calm, spots = self._between_corners(spots, wait, inner & ~calm & ~corrected & (lag < SHORT_LAG), calm)
-        turning = inner & ~calm & ~corner & ~corrected
         finest = np.where(np.array([one.steps > 1 for one in shapes])[spots.column], STEPS_ERROR, ERROR)
         error, most = self._allowed(spots, coarser, finest)
-        turning, window = self._turning(spots, motion, turning, (wait, late, crossing), (error, most, finest))
-        if corrected.any():
-            own = inner & ~calm & ~corner & corrected & (ground.lag[spots.column] == 0.0)
-            self._on_chords(spots, own, wait, turning, window)
         # Where there is time a stop leaves no error at all.
         may_wait = coarser > 1.0 and not ground.plain_corners
         burns = ground.beam.is_beam & ground.beam.works.burns[motion]
@@ -293,6 +288,14 @@ class SpotSearch:
         spots, slowly = self._behind_corners(
             spots, sharp, corner, calm, moves[np.searchsorted(moves, behind)], error, burns
         )
+        # Where the lines are too short for that, and a stop would burn, they are passed as the curve that they are.
+        short = sharp & burns & ~slowly
+        short[short] = ~self._stops_burn_little(spots, np.flatnonzero(short))
+        turning = inner & ~calm & ~corrected & (~corner | short)
+        turning, window = self._turning(spots, motion, turning, (wait, late, crossing), (error, most, finest))
+        if corrected.any():
+            own = inner & ~calm & ~corner & corrected & (ground.lag[spots.column] == 0.0)
+            self._on_chords(spots, own, wait, turning, window)
         turning |= slowly
         window[slowly] = spots.window[slowly]
         spots = replace(spots, calm=calm, window=np.where(turning[:, None], window, 0.0), blend=blend)
@@ -321,7 +324,8 @@ class SpotSearch:
         window, turning = np.zeros((spots.at.size, 5)), turning.copy()
         # A beam is not slowed down, nor does it stop where that burns: a coarser crossing has to do.
         lit = ground.beam.is_beam & ground.beam.works.on[motion]
-        burns = turning & lit & ground.beam.works.burns[motion]
+        constant = lit & ground.beam.works.burns[motion]
+        burns = turning & constant
         burns[burns] = ~self._stops_burn_little(spots, np.flatnonzero(burns))
         unfit, shortest = np.zeros(turning.size, dtype=np.bool_), shortest_block(spots.feed)
         push = np.array([ground.turning_push(name) for name in AXES])[spots.column]
@@ -349,8 +353,30 @@ class SpotSearch:
             slowed = turning & lit & (window[:, 2] < AT_SPEED * spots.feed)
             which = np.flatnonzero(slowed | (turning & burns & unfit))
             if number == len(BEAM_COARSER):
-                turning &= ~slowed
+                turning &= ~slowed | (constant & self._as_slow(spots, window))
         return turning & ~unfit, window
+
+    def _as_slow(self, spots: Spots, window: Array) -> BoolArray:
+        """Return in which windows (n, 5) in corners a beam at constant power burns little more than it does anyway.
+
+        An exact path passes these corners slowly, too.
+        """
+        ground = self._ground
+        if not isinstance(ground.planner, ExactPath):
+            return np.zeros(spots.at.size, dtype=np.bool_)
+        length = window[:, 1] - window[:, 0]
+        deep = np.where(window[:, 4] == BALANCED, 2.0, 1.0) * window[:, 3]
+        ramps = length - (spots.rest[:, 1] - spots.rest[:, 0])
+        windows = CornerWindows(
+            length=length,
+            speed=window[:, 2],
+            slope=np.minimum(2.0 * deep / np.maximum(ramps, FINEST), 1.0),
+            passed=np.where(spots.rows[:, SHARE] == 1.0, self._costs.at_corners(spots), spots.feed),
+            feed=spots.feed,
+            push=ground.push[spots.rows[:, MOTION].astype(np.int64)],
+            lost=self._lost_and_push(spots.column)[0],
+        )
+        return windows_burn_little(windows)
 
     def _on_chords(self, spots: Spots, may: BoolArray, wait: Array, turning: BoolArray, window: Array) -> None:
         """Add the windows of changes on arcs of contours with cutter compensation to those near turning points."""

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from scipy.spatial import cKDTree
 
 import ph_post as ph
+from ph_post.api.guard import GuardFinding, by_what_is_done
 from ph_post.gcode.read import read_program
 from ph_post.types import EffectSetting, Limits, Machine
 from tests.support.cascade_plant import PERIOD, Drive, motor_of, play, pushed
@@ -176,3 +177,14 @@ def test_an_error_weighs_by_the_way_on_which_it_is_and_not_by_its_time() -> None
     assert found.compensated == found.reversals > 10
     assert found.followed > 0.9 * found.shown > 10
     assert 5.0 * found.rms[1] < found.rms[0]
+
+
+@pytest.mark.parametrize(
+    ("left", "worse"),
+    [({1, 2, 3}, set()), ({2, 3}, {2}), ({1, 3}, {2}), (set(), {2})],
+    ids=["between others", "first of two", "alone changed", "none left"],
+)
+def test_a_cut_that_is_left_between_others_is_as_it_was(left: set[int], worse: set[int]) -> None:
+    found = GuardFinding(worse=frozenset({2}), runs_on=frozenset({2}), slowdown=0.0, planned=0.0)
+    judged = by_what_is_done(found, frozenset(left), 5)
+    assert (judged.worse, judged.runs_on) == (worse, worse)

@@ -39,6 +39,10 @@ ADDED, LONGER = 0.5, 2.0
 many times as long it may be burnt."""
 
 
+LITTLE = 0.1
+"""Part of what a corner gets in which the path stops that does not count."""
+
+
 def machine() -> Machine:
     found = replace(read_machine("stepper"), dialect="grbl")
     gaps = {name: replace(axis.gap, lost_motion=GAP * 1e-3) for name, axis in found.axes.items()}
@@ -64,6 +68,20 @@ def contours(seed: int, feed: float) -> str:
         lines += ["G1 S0"]
     x, y, far = *rng.uniform(0.0, 60.0, 2).round(3), rng.uniform(-9.0, 9.0, 2).round(3)
     lines += [f"G0 X{x} Y{y}", f"G1 X{x + far[0]:.3f} Y{y + far[1]:.3f} S800 F{feed:g}", f"G1 X{x} Y{y}"]
+    return "\n".join([*lines, "M5", "G0 X0 Y0", "M2", ""])
+
+
+def facets(seed: int, feed: float) -> str:
+    """Closed outlines of lines, each of which turns by the same 8 to 50 degrees."""
+    rng = np.random.default_rng(seed)
+    lines = ["G21 G90", "M3 S0"]
+    for n in range(3):
+        centre, size, sides = np.array([20.0 + 40.0 * n, 30.0]), rng.uniform(3.0, 12.0, 2), int(rng.integers(7, 46))
+        angles = np.linspace(0.0, math.tau, sides + 1) + rng.uniform(0.0, math.tau)
+        places = (centre + size * np.stack([np.cos(angles), np.sin(angles)], axis=1)).round(3)
+        lines += [f"G0 X{places[0, 0]} Y{places[0, 1]}", "G1 S800"]
+        lines += [f"G1 X{x:.3f} Y{y:.3f} F{feed:g}" for x, y in places[1:]]
+        lines += ["G1 S0"]
     return "\n".join([*lines, "M5", "G0 X0 Y0", "M2", ""])
 
 
@@ -143,6 +161,24 @@ def test_no_corner_is_burnt_much_longer(feed: float) -> None:
                 if feed == 30.0:
                     assert after < 1.135 * before
     assert left <= 1
+
+
+@pytest.mark.parametrize("feed", [300.0, 1000.0, 2400.0])
+def test_outlines_of_facets_are_compensated_whole_and_burnt_little(feed: float) -> None:
+    """The path is slow in every dull corner: a crossing that is as slow there is no reason to leave the cut."""
+    for seed in range(4, 7):
+        text = facets(seed, feed)
+        found = compensate(text.encode(), replace(machine(), tool="laser"), dialect="grbl", max_slowdown=0.5)
+        assert not any("would burn a dot" in one for one in found.edits.warnings)
+        path, motor, lasts = burnt(text)
+        _, driven, stays = burnt(found.text.decode())
+        table = np.stack([*(play(driven[:, axis], GAP, 0.0) for axis in (0, 1)), driven[:, 2]], axis=1)
+        for one, other in pairwise(path):
+            if np.array_equal(one.end, other.start):
+                before, after = near(one.end, motor, lasts), near(one.end, table, stays)
+                assert after - before <= max(
+                    min(ADDED * stopped(one, other), (LONGER - 1.0) * before), LITTLE * stopped(one, other)
+                )
 
 
 @pytest.mark.parametrize("feed", [30.0, 300.0, 2400.0])
