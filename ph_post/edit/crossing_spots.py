@@ -91,6 +91,9 @@ BESIDE: Final = 4
 BEAM_COARSER: Final = (2.0, 4.0, 8.0, 16.0, 23.0)
 """Multiples of the least error that a crossing with a beam on is given before it is left alone."""
 
+SLOWER: Final = 4.0
+"""From this multiple on it may be as slow as the path is in a dull corner; before it is to be as fast."""
+
 
 class SpotSearch:
     """Finds the windows of crossings, and the changes that are moves of their own.
@@ -351,9 +354,11 @@ class SpotSearch:
             unfit = window[:, 1] - window[:, 0] < NEARLY * shortest
             unfit |= window[:, 2] * crossing < 0.25 * shortest
             slowed = turning & lit & (window[:, 2] < AT_SPEED * spots.feed)
+            if wider >= SLOWER:
+                slowed &= ~constant | ~self._as_slow(spots, window)
             which = np.flatnonzero(slowed | (turning & burns & unfit))
             if number == len(BEAM_COARSER):
-                turning &= ~slowed | (constant & self._as_slow(spots, window))
+                turning &= ~slowed
         return turning & ~unfit, window
 
     def _as_slow(self, spots: Spots, window: Array) -> BoolArray:
