@@ -34,8 +34,11 @@ from ph_post.edit.preconditions import (
 from ph_post.edit.reversals import (
     CARRIED,
     CHAIN,
+    LAST,
     MOTION,
     SHARE,
+    SHARE0,
+    SHARE1,
     SIGN,
     chain_spans,
     find_reversals,
@@ -183,6 +186,7 @@ class ReversalSearch:
             np.full(low.size, band),
         )
         rows[:, CHAIN] = np.searchsorted(self._whole, low[rows[:, CHAIN].astype(np.int64)], side="right") - 1
+        self._put_behind_breaks(rows)
         rows = self.crossings.ground.threads.around(rows, axis, self._carries(axis))
         if axis < 2:
             minus, plus = self.sides[name]
@@ -194,6 +198,20 @@ class ReversalSearch:
         inside = (span >= 0) & (rows[:, MOTION] < end[np.maximum(span, 0)]) if low.size else span >= 0
         rows[:, CHAIN] = span
         return self._closed(rows[inside], axis, section, low, high)
+
+    def _put_behind_breaks(self, rows: Array) -> None:
+        """Let an axis that rests on a line that ends a chain, as ``G1 G43 Z2 H1``, come to its side behind that line.
+
+        What is written before it would be in the chain before.
+        """
+        behind = self._breaks[rows[:, MOTION].astype(np.int64)] & (rows[:, SHARE] == 0.0)
+        behind &= (rows[:, LAST] > rows[:, MOTION]) | (rows[:, SHARE1] == 1.0)
+        rows[np.ix_(behind, [SHARE, SHARE0])] = 1.0
+
+    @cached_property
+    def _breaks(self) -> BoolArray:
+        """Mask (m,) of the motions on lines that end a chain and begin another."""
+        return np.isin(self.program.motions.block, [one.block for one in self.program.breaks[1:-1]])
 
     def _carries(self, axis: int) -> BoolArray:
         """Mask (m,) of the motions that may change the offset of an axis as they move it."""

@@ -210,3 +210,17 @@ def test_one_whose_place_is_not_known_or_that_would_move_below_the_surface_is_le
     text = ph.compensate(read_program(lines.encode(), "part.ngc"), target("linuxcnc")).program().decode()
     assert "X" in text
     assert len(re.findall("Y", re.sub(r"\([^)]*\)", "", text))) == place.count("Y")
+
+
+@pytest.mark.parametrize("down", ["G1 G43 Z5 H1\n", "G1 G43 Z5 H1\nG1 Z2\n"])
+def test_axes_that_rest_on_a_line_with_g43_come_to_their_sides_behind_it(down: str) -> None:
+    """What was written before that line was in the chain before, which the check refused."""
+    cuts = "G1 Z-1 F300\nG1 X0 Y9 F800\nX40\nY7\nX0\n"
+    lines = f"G21 G90 G17 G94 G64 P0.005 Q0\nT1 M6\nM3 S8000\nG1 X40 Y7 F800\n{down}{cuts}G0 Z30\nM2\n"
+    found = ph.compensate(read_program(lines.encode(), "part.ngc"), target("linuxcnc"))
+    text = found.program().decode()
+    assert not [word for word in found.warnings if "not compensated" in word]
+    assert text.index("G43") < text.index("(ph-post: +")
+    path = flat_path(lines)
+    assert errors(interpret(lines), path) > 0.5 * GAPS[1] - UM
+    assert errors(interpret(text), path) < 2.0 * UM
