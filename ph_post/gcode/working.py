@@ -24,6 +24,9 @@ _EXTRUDES: Final = re.compile(
 _PEN: Final = re.compile(rb"M0*[345](?![\d.])[^\r\n(;]*[(;][^\r\n)]*\bpen\b", re.IGNORECASE)
 """A pen that is let down or lifted, by the comment beside the word."""
 
+_PEN_TIME: Final = 0.05
+"""The least time [s] for which a program waits for a servo to move a pen. A beam is on or off at once."""
+
 _TURNED_ON: Final = 2
 """A program that cuts at one height and turns its spindle on as often as this moves a beam."""
 
@@ -47,8 +50,8 @@ def tool_in_words(program: PartProgram) -> tuple[Tool, int] | None:
     """Return the tool that a program's own words show, and the line; None where they could be a cutter's.
 
     A line of printer firmware with E extrudes. A laser's program sets S in the lines that cut, or turns the spindle on
-    again and again, while no cut moves Z, unless it says there that it lets down a pen: where that stands it burns
-    nothing. Nor does what has or changes a tool.
+    again and again, while no cut moves Z, unless it says there that it lets down a pen, or waits for one each time:
+    where that stands it burns nothing. Nor does what has or changes a tool.
     """
     blocks = _extruding(program)
     if blocks.size:
@@ -66,7 +69,22 @@ def tool_in_words(program: PartProgram) -> tuple[Tool, int] | None:
     if power.size:
         return "laser", int(power[0])
     fresh = np.unique(np.searchsorted(motions.block[cuts], starts))
-    return ("laser", int(starts[0])) if fresh.size >= _TURNED_ON else None
+    return ("laser", int(starts[0])) if fresh.size >= _TURNED_ON and not _waits_for_pen(program) else None
+
+
+def _waits_for_pen(program: PartProgram) -> bool:
+    """Return whether a dwell is behind every order between two motions that switches the spindle on or off."""
+    modal = [(one.spindle, one.speed) for one in program.modal]
+    number = np.array([modal.index(one) for one in modal])[program.state]
+    lines, seconds = program.dwells()
+    lines = lines[seconds >= _PEN_TIME]
+    # By line, the last one up to there that switches something, and the first dwell from there on.
+    switched = np.maximum.accumulate(np.where(np.diff(number, prepend=number[:1]) != 0, np.arange(number.size), -1))
+    blocks = np.unique(program.motions.block)
+    before, after = blocks[:-1], blocks[1:]
+    here = switched[after] > before
+    waits = np.append(lines, program.blocks)[np.searchsorted(lines, switched[after[here]])]
+    return bool(here.any() and (waits < after[here]).all())
 
 
 def _known(program: PartProgram) -> BoolArray:

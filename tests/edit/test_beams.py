@@ -426,6 +426,8 @@ def test_what_works_where() -> None:
         "S9000 M3\nG1 X9 F100\nM5\nM2\n",
         "M3 (pen down)\nG1 X9 F100\nM5 (pen up)\nG0 X0\nM3 (pen down)\nG1 Y9\nM5\nM2\n",
         "M5 S30 ; lift the Pen\nG0 X1\nM3 S90 ; down\nG1 X9 F100\nM3\nG1 X0\nM2\n",
+        "M5\nG0 X1\nM3 S90\nG4 P0.2\nG1 X9 F100\nM5\nG4 P0.2\nG0 X0\nM3 S90\nG4 P0.2\nG1 Y9\nM5\nM2\n",
+        "M3 S45\nG4 P0.3\nG0 X1\nM3 S72\nG4 P0.3\nG1 X9 F100\nM3 S45 G4 P0.3\nG0 X0\nM3 S72\nG4 P.3\nG1 Y9\nM2\n",
     ],
 )
 def test_a_mill_or_a_pen_is_not_taken_for_a_laser(text: str) -> None:
@@ -435,6 +437,41 @@ def test_a_mill_or_a_pen_is_not_taken_for_a_laser(text: str) -> None:
 def test_a_laser_beside_a_comment_on_something_else_is_one() -> None:
     text = "G21 G90\n(open)\nM3 (expensive)\nG1 X9 F100\nM5\nG0 X0\nM3\nG1 Y9\nM2 (no pen)\n"
     assert tool_in_words(read_program(text.encode(), "a.ngc")) == ("laser", 2)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ("M3 S90\nG4 P0.2", "M5"),  # it burns a hole to begin with
+        ("G4 P0.2\nM3 S90", "G4 P0.2\nM5"),
+        ("M3 S90", "M5\nG4 P0.2"),
+        ("M3 S90\nG4 P0.001", "M5\nG4 P0.001"),
+        ("M3 S90", "M3 S90"),
+    ],
+)
+def test_a_beam_for_which_nothing_waits_each_time_is_a_laser(lines: tuple[str, str]) -> None:
+    on, off = lines
+    text = f"G21 G90\nM5\nG0 X1\n{on}\nG1 X9 F100\n{off}\nG0 X0\n{on}\nG1 Y9\n{off}\nG0 X5\nM2\n"
+    assert tool_in_words(read_program(text.encode(), "a.ngc"))[0] == "laser"
+
+
+@pytest.mark.parametrize("levels", [("M3 S90", "M5"), ("M3 S72", "M3 S45")])
+def test_a_pen_that_a_servo_lets_down_crosses_in_sharp_corners(levels: tuple[str, str]) -> None:
+    """A laser would burn dots there: its crossings come before and behind the corners, and leave 2 µm rms."""
+    down, up = (f"{one}\nG4 P0.2\n" for one in levels)
+    shape = "G1 X11 Y10.4 F3000\nX10.1 Y10.8\nX11.2 Y11.4\nX10.2 Y11.6\nX10 Y10\n"
+    text = f"G21 G90\n{up}G0 X10 Y10\n{down}{shape}{up}G0 X40 Y10\n{down}{shape}{up}G0 X0 Y0\nM2\n"
+    path, left = interpret(text, BEGINS[0]), []
+    for one in (text, made(text, stepper())):
+        orders = [levels.index(line) if line in levels else None for line in one.split("\n")]
+        drawing = [order == 0 for order in itertools.accumulate(orders, lambda old, new: old if new is None else new)]
+        moves = interpret(one, BEGINS[0])
+        motion = run(moves)
+        drawn = np.array([drawing[move.line - 1] for move in moves])[motion.owner]
+        away = [distance(table[drawn], path) for table in tables(motion.motor, GAPS, (0, 0, 0))]
+        left.append(max(math.sqrt(float((one**2).mean())) for one in away))
+    assert left[0] > 0.02
+    assert left[1] < 1e-6
 
 
 @pytest.mark.parametrize(("mode", "feed"), [("G94", "F900000"), ("G93", "F90000")])
