@@ -174,6 +174,9 @@ class ProgramRunner:
             return False
         if call.source is not self._main:
             return False
+        behind = line.text.partition("%")[2].strip()
+        if self._percents and behind:
+            raise ExpandError("text behind a percent sign", got=behind[:20])
         self._percents += 1
         self.blocks.lines.append(line.text)
         return self._percents > 1

@@ -104,7 +104,7 @@ def _is_numeric(c: Any) -> Any:
 
 
 @lean
-def _skip_blanks(data: Any, i: int, end: int) -> Any:
+def _skip_blanks(data: Any, i: Any, end: Any) -> Any:
     while i < end and (data[i] == 32 or data[i] == 9):
         i += 1
     return i
@@ -421,8 +421,9 @@ def _is_wait(data: Any, at: Any, end: Any) -> bool:
 def lex(data: Any, lines: Any, out: Any, traits: Any, whys: Any, spots: Any) -> Any:
     """Read all words: their number, and the line behind them; -1 for that where there is no more room.
 
-    `out` are the columns block, letter, start, end, value and decimals. Reading ends at the closing
-    ``%``. `whys` (n,) gets the faults of lines, with `FAULT` or `QUIET`, and `spots` (n,) their places, from 1.
+    `out` are the columns block, letter, start, end, value and decimals. Reading ends at the closing ``%``, which has
+    its line for itself (LinuxCNC, G-code overview). `whys` (n,) gets the faults of lines, with `FAULT` or `QUIET`, and
+    `spots` (n,) their places, from 1.
     """
     row, opened = 0, False
     for block in range(lines.size - 1):
@@ -440,11 +441,16 @@ def lex(data: Any, lines: Any, out: Any, traits: Any, whys: Any, spots: Any) -> 
             whys[block], spots[block] = QUIET + SENDERS_WORD, at + 1
             continue
         if at < end and data[at] == 37:
-            rest, _ = _skip_comments(data, at + 1, end)
-            if rest < end:
-                whys[block], spots[block] = QUIET + AFTER_PERCENT, rest + 1
+            rest = _skip_blanks(data, at + 1, end)
+            if opened and rest < end:
+                # Somebody may obey it; it ends no program.
+                whys[block], spots[block] = FAULT + AFTER_PERCENT, rest + 1
+                continue
             if opened:
                 return row, block
+            rest, _ = _skip_comments(data, rest, end)
+            if rest < end:
+                whys[block], spots[block] = QUIET + AFTER_PERCENT, rest + 1
             opened = True
             continue
         known = row

@@ -68,6 +68,8 @@ def fault_of(text, folders=None):
         ("G98 G81 X1 Z-1 R1 F90\n", 1, "Z is not known"),
         ("/#1=5\nG0 X#1\n", 1, "slash"),
         ("M72\n", 1, "without M70"),
+        ("%\n#1=1\n% led on\nG0 X#1\n%\n", 3, "text behind a percent sign"),
+        ("%\n#1=1\n%(led on)\nG0 X#1\n%\n", 3, "text behind a percent sign"),
         ("o1 sub\no2 sub\no2 endsub\no1 endsub\no1 call\n", 2, "within a subprogram"),
     ],
 )
