@@ -148,7 +148,7 @@ def _write_reversal(view: Any, feed: Any, exact: Any, span: Any, start: Any, kno
     """
     k0, share0, k1, share1, high = span
     inside = 0.0 < share0 < 1.0
-    if inside and not known:
+    if not known:
         k0, share0 = start
     row[SIGN], row[CARRIED], row[PASSED], row[BEYOND] = sign, 0.0, 0.0, 0.0
     row[FIRST], row[SHARE0], row[LAST], row[SHARE1] = k0, share0, k1, share1

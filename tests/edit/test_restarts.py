@@ -224,3 +224,14 @@ def test_axes_that_rest_on_a_line_with_g43_come_to_their_sides_behind_it(down: s
     path = flat_path(lines)
     assert errors(interpret(lines), path) > 0.5 * GAPS[1] - UM
     assert errors(interpret(text), path) < 2.0 * UM
+
+
+@pytest.mark.parametrize("little", [0.002, -0.002, 0.0])
+def test_an_axis_that_begins_with_a_way_below_the_dead_band_comes_to_its_side_before_it(little: float) -> None:
+    """Rows of holes that are 2 µm beside each other: the first row was drilled with Y on whichever side."""
+    rows = "".join(f"G0 X{x} Y{y}\nG0 Z1\nG1 Z-1 F300\nX{x - 5} F800\nG0 Z5\n" for x, y in ((40, 7), (30, 7 + little)))
+    lines = f"G21 G90 G17 G94 G64 P0.005 Q0\nT1 M6\nM3 S8000\nG0 Z5\n{rows}G0 X40 Y20\nG1 Z-1\nX0 Y15\nG0 Z30\nM2\n"
+    text = ph.compensate(read_program(lines.encode(), "part.ngc"), target("linuxcnc")).program().decode()
+    path = flat_path(lines)
+    assert errors(interpret(lines), path) > 0.5 * GAPS[1] - UM
+    assert errors(interpret(text), path) < 2.0 * UM + abs(little)
