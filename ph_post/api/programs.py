@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Final
@@ -66,6 +67,9 @@ BOTH: Final = 2
 
 BESIDE: Final = 3
 """Motions before and behind a change that does not pass the check which are left as they are with it."""
+
+BESIDE_WORSE: Final = (1, BESIDE)
+"""Those about one that makes the part worse, the first time and the second."""
 
 _LINE: Final = re.compile(r":(\d+)(?::\d+)?$")
 
@@ -355,7 +359,7 @@ class _PlanSearch:
         self._kept: tuple[EditOptions, GuardFinding] | None = None
         self._over, self._further, self._enough = math.inf, 0, math.inf
         self._planned: set[float] = set()
-        self._parts: set[int] = set()
+        self._parts = Counter[int]()
         self._largest, self._pace, self._divided = 0.0, 1.0, False
 
     def run(self, options: EditOptions) -> CompensatedProgram:
@@ -514,7 +518,7 @@ class _PlanSearch:
         if self._best is not None:
             return None
         self._reasons[self._why] = None
-        stretches, sections = self._parted(places)
+        stretches, sections = self._parted(places, (BESIDE,))
         failed = with_neighbours(sections, options.left, self._count) - options.left
         if not failed and not stretches:
             if verdict is not None:
@@ -533,8 +537,8 @@ class _PlanSearch:
         return tuple(sorted(left))
 
     def _parting(self, tighter: EditOptions, judged: GuardFinding, options: EditOptions) -> EditOptions:
-        """Leave of sections whose largest error alone is worse no more than the motions about it, the first time."""
-        stretches, whole = self._parted(judged.places)
+        """Leave of sections whose largest error alone is worse no more than the motions about it, at first."""
+        stretches, whole = self._parted(judged.places, BESIDE_WORSE)
         if not stretches:
             return tighter
         low, _ = section_spans(self._original.motions)
@@ -542,26 +546,30 @@ class _PlanSearch:
         left = options.left | with_neighbours(judged.worse - parted, options.left, self._count)
         return replace(tighter, left=left, stretches=(*options.stretches, *stretches))
 
-    def _parted(self, places: Places) -> tuple[Places, frozenset[int]]:
-        """Return the stretches about places, and the sections of which no more is left, or a part was left before."""
+    def _parted(self, places: Places, beside: Sequence[int]) -> tuple[Places, frozenset[int]]:
+        """Return the stretches about places, and the sections of which no more is left, or parts were left before.
+
+        A stretch goes `beside` its place by so many motions, the first time, the second and so on.
+        """
         low, high = section_spans(self._original.motions)
         numbers = np.searchsorted(low, np.array(places, dtype=np.int64).reshape(-1, 2), side="right") - 1
         parts: dict[int, list[tuple[int, int]]] = {}
         whole: set[int] = set()
         for (first, last), (one, other) in zip(places, np.maximum(numbers, 0).tolist(), strict=True):
             if one == other:
-                parts.setdefault(one, []).append((first - BESIDE, last + BESIDE + 1))
+                more = beside[min(self._parts[one], len(beside) - 1)]
+                parts.setdefault(one, []).append((first - more, last + more + 1))
             else:
                 whole.update(range(one, other + 1))
         stretches = []
         for number, found in parts.items():
             begin, end = int(low[number]), int(high[number])
             own = [(max(first, begin), min(last, end)) for first, last in dict.fromkeys(found)]
-            if number in self._parts or 2 * sum(last - first for first, last in own) > end - begin:
+            if self._parts[number] >= len(beside) or 2 * sum(last - first for first, last in own) > end - begin:
                 whole.add(number)
             elif number not in whole:
                 stretches += own
-        self._parts.update(parts)
+        self._parts.update(parts.keys())
         return tuple(stretches), frozenset(whole)
 
 
