@@ -93,7 +93,7 @@ class CrossingCosts:
             fastest = np.maximum(spots.feed, np.array([self.beside_cut(axes.get(n)) for n in AXES])[spots.column])
             lost = np.array([axes[n].gap.lost_motion if n in axes else 0.0 for n in AXES])[spots.column]
             move = np.where(spots.rows[:, SIGN] == 0.0, move, np.maximum(move, lost / fastest))
-        return np.asarray(move + passed / self._ground.push[spots.rows[:, MOTION].astype(np.int64)])
+        return np.asarray(move + passed / self._ground.push(spots.rows[:, MOTION].astype(np.int64)))
 
     def at_corners(self, spots: Spots) -> Array:
         """Speed at which the path passes the place of every change (n,) [m/s]: 0 where it is no reversal in a cut.
@@ -109,14 +109,14 @@ class CrossingCosts:
         corner = (passed > 0.0) & (rows[:, SHARE] == 1.0) & line[motion] & line[behind]
         both = np.stack([motion[corner], behind[corner]])
         length = ground.along[both + 1] - ground.along[both]
-        units = ground.way[both] / np.maximum(length, 1e-12)[..., None]
+        units = ground.way(both) / np.maximum(length, 1e-12)[..., None]
         bound = junction_speed(ground.machine, *units, *length, feed=ground.feed[both].min(axis=0))
         passed[corner] = np.minimum(passed[corner], bound)
         return passed
 
     def of_chords(self, spots: Spots) -> Array:
         """Time [s] that the windows of crossings take longer than the path, with the ramps beside them (n,)."""
-        feed, push = np.maximum(spots.feed, LEAST_FEED), self._ground.push[spots.rows[:, MOTION].astype(np.int64)]
+        feed, push = np.maximum(spots.feed, LEAST_FEED), self._ground.push(spots.rows[:, MOTION].astype(np.int64))
         speed = np.where(spots.window[:, 2] > 0.0, spots.window[:, 2], feed)
         way = spots.window[:, 1] - spots.window[:, 0]
         return np.asarray((feed - speed) ** 2 / (feed * push) + way / speed - way / feed)
@@ -130,7 +130,7 @@ class CrossingCosts:
         length = rests[:, 1] - rests[:, 0]
         line = np.searchsorted(ground.along, rests.mean(axis=1), side="right") - 1
         feed = np.maximum(ground.feed[line], LEAST_FEED)
-        longer = _between_stops(lost, push, most) - _between_stops(length, ground.push[line], feed)
+        longer = _between_stops(lost, push, most) - _between_stops(length, ground.push(line), feed)
         return np.maximum(longer, 0.0), np.minimum(feed, most * length / lost)
 
     @staticmethod
@@ -157,8 +157,8 @@ class CrossingCosts:
         No rapid leads to its first place, and the path does not take it up there within a short way.
         """
         ground = self._ground
-        after = np.minimum(rows[:, MOTION].astype(np.int64) + (rows[:, SHARE] == 1.0), len(ground.way) - 1)
-        way = ground.way[after, column] * rows[:, SIGN]
+        after = np.minimum(rows[:, MOTION].astype(np.int64) + (rows[:, SHARE] == 1.0), ground.feed.size - 1)
+        way = ground.way(after)[np.arange(after.size), column] * rows[:, SIGN]
         lost = np.array(
             [ground.sides[name][1] - ground.sides[name][0] if name in ground.sides else 0.0 for name in AXES]
         )

@@ -30,7 +30,6 @@ from ph_post.edit.cutter_contours import CutterContours
 from ph_post.edit.edits import CrossingEdit, EditOptions, StopEdit
 from ph_post.edit.extrusion import filament_of
 from ph_post.edit.lagging_crossings import SHORT_LAG
-from ph_post.edit.positions import shiftable
 from ph_post.edit.preconditions import why_kept_whole
 from ph_post.edit.reversals import (
     FIRST,
@@ -57,7 +56,7 @@ from ph_post.gcode.program import (
 from ph_post.simulate.controllers.legs import ACROSS
 from ph_post.simulate.controllers.moves import tolerance_of, tolerances
 from ph_post.simulate.controllers.run import planned_speeds
-from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine, unwritten
+from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
 from ph_post.units import MM
 
 APPROACH: Final = 2.0
@@ -125,6 +124,8 @@ class CrossingGround:
     low : IntArray, shape (s,)
         First motion of every section, of which changes name the one in which they begin.
     options : EditOptions
+    named : BoolArray, shape (m, 3)
+        Axes that the lines of motions name, as :func:`~ph_post.edit.positions.shiftable` has them.
 
     Attributes
     ----------
@@ -141,6 +142,7 @@ class CrossingGround:
         feed: Array,
         low: IntArray,
         options: EditOptions,
+        named: BoolArray,
     ) -> None:
         self.part_side, self.plain_corners = options.part_side, options.plain_corners
         self._standing = np.array(sorted(options.standing), dtype=np.int64)
@@ -159,28 +161,26 @@ class CrossingGround:
         self.rounding = 0.0 if path_mode is None else tolerance_of(path_mode(min(options.tolerance, ROUNDING)), MM)
         self.along = places_along(program.motions)
         timed = program.motions.duration > 0.0
-        length = np.diff(self.along)
-        self.feed = np.where(timed, length / np.where(timed, program.motions.duration, 1.0), feed)
-        # What is asked for beyond that no machine does: a crossing would be planned as if it did.
-        self.feed = np.minimum(self.feed, fastest_along(program, machine))
+        self.feed = feed
+        if timed.any():
+            self.feed = np.where(timed, np.diff(self.along) / np.where(timed, program.motions.duration, 1.0), feed)
+            # What is asked for beyond that no machine does: a crossing would be planned as if it did.
+            self.feed = np.minimum(self.feed, fastest_along(program, machine))
         if not isinstance(self.planner, ExactPath):
             self.feed = np.minimum(self.feed, fastest_in_arcs(program, machine))
         self._kept = self._speeds_kept()
-        self.feed = np.minimum(self.feed, self._kept)
+        if self._kept.strides != (0,):
+            self.feed = np.minimum(self.feed, self._kept)
         self.view = motion_view(program.motions)
-        self.shiftable = shiftable(program)
+        self.shiftable = named
         kind = program.motions.kind
-        # Column by column: an axis that hardly moves takes no memory.
-        self.way = unwritten((len(AXES), kind.size)).T
         self.moving: list[PlaceArray] = []
         self.still = kind == LINE
         arcs = np.flatnonzero(kind == ARC)
         turning = plane_columns(program.motions.plane[arcs])[:, :2]
         for axis in range(len(AXES)):
             start, end = program.motions.start[:, axis], program.motions.end[:, axis]
-            way = np.nan_to_num(end - start, copy=False)
-            moves = way != 0.0
-            self.way[moves, axis] = way[moves]
+            moves = np.nan_to_num(end - start, copy=False) != 0.0
             moves[arcs[(turning == axis).any(axis=1)]] = True
             self.moving.append(np.flatnonzero(moves).astype(np.int32))
             self.still &= (start == end) | (np.isnan(start) & np.isnan(end))
@@ -197,28 +197,30 @@ class CrossingGround:
         self.shapes = {name: self._shape(machine.axes[name]) for name in sides}
         axes = machine.axes
         self.lag = np.array([response_time(axes[name].servo) if name in axes else 0.0 for name in AXES])
-        self.push = self._accelerations()
 
-    def _accelerations(self) -> Array:
-        """Acceleration along the path in every motion [m/s²], (m,), by the limits of the axes and their part in it.
+    def place(self, motion: IntArray, share: Array) -> Array:
+        """Return the places along the program of shares of motions (n,) [m]."""
+        return self.along[motion] + share * (self.along[motion + 1] - self.along[motion])
+
+    def way(self, motion: IntArray | slice | int) -> Array:
+        """Return how far motions move each axis [m], shape (..., 3); 0 where that is not known."""
+        motions = self.program.motions
+        return np.nan_to_num(motions.end[motion] - motions.start[motion])
+
+    def push(self, motion: IntArray) -> Array:
+        """Return the acceleration along the path in motions (n,) [m/s²], by the limits of the axes and their parts.
 
         LinuxCNC keeps the rest of it for the curvature in arcs.
         """
-        kind, axes = self.program.motions.kind, self.machine.axes
-        arcs = np.flatnonzero(kind == ARC)
-        turning = plane_columns(self.program.motions.plane[arcs])[:, :2]
-        length = np.diff(self.along)
-        np.maximum(length, 1e-12, out=length)
-        found = np.full(kind.size, math.inf)
-        for column, name in enumerate(AXES):  # one by one: there may be a million motions
-            part = np.abs(self.way[:, column])
-            part /= length
-            part[arcs[(turning == column).any(axis=1)]] = 1.0
-            limit = axes[name].limits.acceleration if name in axes else math.inf
-            np.maximum(part, 1e-12, out=part)
-            np.minimum(found, np.divide(limit, part, out=part), out=found)
+        axes, arc = self.machine.axes, self.program.motions.kind[motion] == ARC
+        limit = np.array([axes[name].limits.acceleration if name in axes else math.inf for name in AXES])
+        length = np.maximum(self.along[motion + 1] - self.along[motion], 1e-12)
+        part = np.abs(self.way(motion)) / length[:, None]
+        turning = plane_columns(self.program.motions.plane[motion])[:, :2]
+        part[arc] = np.where((turning[arc, :, None] == np.arange(len(AXES))).any(axis=1), 1.0, part[arc])
+        found = (limit / np.maximum(part, 1e-12)).min(axis=1)
         if not isinstance(self.planner, ExactPath):
-            found[arcs] *= math.sqrt(1.0 - ACROSS**2)
+            found[arc] *= math.sqrt(1.0 - ACROSS**2)
         return np.asarray(found)
 
     def _speeds_kept(self) -> Array:
@@ -339,7 +341,7 @@ class CrossingGround:
         It takes up its backlash on its own way then.
         """
         own = self._next_move(motion, column, sign)
-        return own is not None and not np.delete(self.way[own], column).any()
+        return own is not None and not np.delete(self.way(own), column).any()
 
     def taken_up_by(self, motion: int, column: int, sign: float) -> int | None:
         """Return the rapid that, from a motion on, takes up the backlash of an axis before any cut; None for none."""
@@ -358,7 +360,7 @@ class CrossingGround:
         if (kind[motion:own] != RAPID).any() or kind[own] not in (RAPID, LINE):
             return None
         lost = self.machine.axes[AXES[column]].gap.lost_motion
-        return own if self.way[own, column] * sign >= APPROACH * lost else None
+        return own if self.way(own)[column] * sign >= APPROACH * lost else None
 
     def stands(self, rows: Array) -> BoolArray:
         """Mask of the changes (n,) that are not to be crossed on the fly: rows of changes."""

@@ -172,7 +172,7 @@ class CrossingSearch:
 
     def _comes_down(self, one: Restart) -> bool:
         """Return whether Z is on the side of its way down where the tool begins to cut, and carries nothing there."""
-        ways = self.ground.way[one.first : one.cut, 2]
+        ways = self.ground.way(slice(one.first, one.cut))[:, 2]
         last = ways[ways != 0.0][-1:]
         lost = self.ground.machine.axes["Z"].gap.lost_motion if "Z" in self.ground.machine.axes else 0.0
         return bool(last.size and last[0] <= -APPROACH * lost)

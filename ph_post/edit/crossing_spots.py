@@ -128,8 +128,7 @@ class SpotSearch:
         nothing = np.zeros(0)
         column, before, first = (np.concatenate([nothing, *found]) for found in (columns, befores, firsts))
         motion = rows[:, MOTION].astype(np.int64)
-        length = np.diff(ground.along)
-        at = ground.along[motion] + rows[:, SHARE] * length[motion]
+        at = ground.place(motion, rows[:, SHARE])
         order = np.lexsort((column, at))
         rows, motion, at = rows[order], motion[order], at[order]
         found = Spots(
@@ -138,7 +137,7 @@ class SpotSearch:
             before=before[order].astype(np.int64),
             first=first[order].astype(np.bool_),
             at=at,
-            rest=self._rests(rows, motion, length),
+            rest=self._rests(rows, motion),
             bound=self._bounds(motion, at),
             feed=self._speed(rows, motion),
             jog=np.zeros(len(rows), dtype=np.bool_),
@@ -225,12 +224,12 @@ class SpotSearch:
                 keep[n : n + 2] = False
         return rows[keep]
 
-    def _rests(self, rows: Array, motion: IntArray, length: Array) -> Array:
+    def _rests(self, rows: Array, motion: IntArray) -> Array:
         """Places between which the axis rests, in the stretch of path that a crossing may lie in, shape (n, 2)."""
         ground = self._ground
         region = ground.region_number[motion]
         ends = [
-            ground.along[rows[:, at].astype(np.int64)] + rows[:, share] * length[rows[:, at].astype(np.int64)]
+            ground.place(rows[:, at].astype(np.int64), rows[:, share])
             for at, share in ((FIRST, SHARE0), (LAST, SHARE1))
         ]
         low, high = ground.region_low[region], ground.region_high[region]

@@ -166,7 +166,8 @@ def find_restarts(
     # A lathe has no Y: there X alone comes to its place.
     across = [column for column in range(2) if moving[:, column].any()]
     late = late and len(across) > 1
-    ends, rests = (np.flatnonzero(np.append(mask | heads, True)).astype(np.int32) for mask in (~alone, ~rapid))
+    # Where a mask is true next is found at once, where it is near: numbers of a million motions would take much room.
+    ends, rests = (np.append(mask | heads, True) for mask in (~alone, ~rapid))
     last_cut = np.flatnonzero(~rapid).max(initial=-1)
     for first in np.flatnonzero(rapid & ~np.append(False, rapid[:-1] & ~heads[1:])).tolist():
         if first > last_cut:
@@ -174,8 +175,8 @@ def find_restarts(
         fresh = not found or found[-1].chain != numbers[first]
         if not fresh and not (late and clock[first] - clock[found[-1].first] >= apart):
             continue
-        run = slice(first, int(rests[np.searchsorted(rests, np.int32(first), side="right")]))
-        cut = int(ends[np.searchsorted(ends, np.int32(run.stop))])
+        run = slice(first, first + 1 + int(np.argmax(rests[first + 1 :])))
+        cut = run.stop + int(np.argmax(ends[run.stop :]))
         down = moving[first:cut, 2] & (motions.end[first:cut, 2] < motions.start[first:cut, 2])
         own = [np.flatnonzero(named[run, column] & absolute[run]) for column in across]
         ready = bool(own) and bool(down.any()) and absolute[first:cut].all()

@@ -154,10 +154,11 @@ _OWN_ON: Final = re.compile(rb"^[ \t]*M425\b(?![^;\r\n]*F0*\.?0*(?:[^.\d]|$))", 
 
 def cutting_feed(program: PartProgram, times: Array) -> Array:
     """Feed of every motion [m/s], shape (m,); from chord and time [s] in inverse time; NaN where unknown."""
-    motions = program.motions
-    with np.errstate(divide="ignore", invalid="ignore"):
-        timed = np.where(times > 0.0, chord_lengths(motions) / times, 0.0)
-    return np.where(motions.duration > 0.0, timed, motions.feed)
+    motions, found = program.motions, program.motions.feed.copy()
+    timed = np.flatnonzero(motions.duration > 0.0).astype(np.int32)
+    time = times[timed]
+    found[timed] = np.where(time > 0.0, chord_lengths(motions, timed) / np.where(time > 0.0, time, 1.0), 0.0)
+    return found
 
 
 ASSUMED_FEED: Final = 1000.0 * MM_PER_MIN

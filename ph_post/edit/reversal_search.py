@@ -26,6 +26,7 @@ from ph_post.edit.positions import (
     placed_once,
     position_from,
     resting_places,
+    shiftable,
 )
 from ph_post.edit.preconditions import (
     cutting_feed,
@@ -116,16 +117,20 @@ class ReversalSearch:
         self.sides, self.amplitude = sides, {name: max(map(abs, pair)) for name, pair in sides.items()}
         times = motion_times(program, machine)
         self.time = float(times.sum())
-        cuts = program.motions.kind != RAPID
-        self._clock = np.append(0.0, np.cumsum(np.where(cuts, times, 0.0)))
         self._divide(sections, left)
-        feed = np.minimum(np.nan_to_num(cutting_feed(program, times)), fastest_along(program, machine))
-        self._feed = feed if slow is None else np.minimum(feed, slow)
+        named = shiftable(program)
+        self._restarts = self._find_restarts(machine, times, named, late=options.max_slowdown >= LITTLE)
+        feed = np.nan_to_num(cutting_feed(program, times), copy=False)
+        times[program.motions.kind == RAPID] = 0.0
+        self._clock = np.zeros(times.size + 1)
+        np.cumsum(times, out=self._clock[1:])
+        del times
+        np.minimum(feed, fastest_along(program, machine), out=feed)
+        self._feed = feed if slow is None else np.minimum(feed, slow, out=feed)
         self._from = -options.position_from
         self._moving = moves(program.motions)
         self._places = [resting_places(program.motions, axis) if self._from else [] for axis in range(2)]
-        ground = CrossingGround(program, machine, dialect, sides, self._feed, self.low, options)
-        self._restarts = self._find_restarts(ground, times, late=options.max_slowdown >= LITTLE)
+        ground = CrossingGround(program, machine, dialect, sides, self._feed, self.low, options, named)
         self.crossings = CrossingSearch(ground, self._whole, self._restarts)
         self._given_up: dict[tuple[str, str], set[int]] = {}
         self.for_now: list[tuple[str, int, str]] = []
@@ -145,12 +150,12 @@ class ReversalSearch:
             opened &= (self.low < begin) | (self.low >= end)
         self.open = {name: opened.copy() for name in self.amplitude}
 
-    def _find_restarts(self, ground: CrossingGround, times: Array, *, late: bool) -> list[Restart]:
+    def _find_restarts(self, machine: Machine, times: Array, named: BoolArray, *, late: bool) -> list[Restart]:
         """Find where the program may be started again, `late` more than once in a chain; chains are those here."""
         # A table that runs on behind a rapid is anywhere in its backlash.
-        flies = any(math.isfinite(braked(ground.machine.axes[name])) for name in self.amplitude)
+        flies = any(math.isfinite(braked(machine.axes[name])) for name in self.amplitude)
         apart = 0.0 if flies else RESTART
-        restarts = find_restarts(self.program, times, ground.shiftable, late=late, apart=apart)
+        restarts = find_restarts(self.program, times, named, late=late, apart=apart)
         chain = np.searchsorted(self._whole, [one.first for one in restarts], side="right") - 1
         return [replace(one, chain=number) for one, number in zip(restarts, chain.tolist(), strict=True)]
 
@@ -215,8 +220,10 @@ class ReversalSearch:
 
     def _carries(self, axis: int) -> BoolArray:
         """Mask (m,) of the motions that may change the offset of an axis as they move it."""
-        ground = self.crossings.ground
-        return np.asarray(ground.shiftable[:, axis] | (ground.way[:, axis] == 0.0))
+        motions = self.program.motions
+        start, end = motions.start[:, axis], motions.end[:, axis]
+        rests = (start == end) | np.isnan(start) | np.isnan(end)
+        return np.asarray(self.crossings.ground.shiftable[:, axis] | rests)
 
     def _from_one_side(self, rows: Array, axis: int) -> Array:
         if not self._from:

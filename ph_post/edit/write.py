@@ -289,24 +289,27 @@ def _assemble_text(
         outside[first:last] = False
     sizes = np.append(0, np.cumsum([len(text) for text in texts]))
     spans = np.column_stack([lines[np.array(places)], sizes[:-1], sizes[1:]]).astype(np.int64)
-    words, kept = program.words, outside[program.words.block[numbers.word]]
+    words = program.words
+    block, letter, start, end = words.block, words.letter, words.start, words.end
+    # The words are several times as large as the text, of which there will be three: each column goes when it is used.
+    del words
+    program.source.let_go()
+    kept = outside[block[numbers.word]]
     odd = np.flatnonzero(numbers.odd[kept])
     payload = Payload(
         head=(line, len(head)),
         bare=len(data) > len(program.data),
         removed=b"".join(data[lines[a] : lines[b]] for a, b in places),
         delta=numbers.delta,
-        code=number_codes(words.letter, words.block, outside, numbers.word, numbers.number).tobytes(),
+        code=number_codes(letter, block, outside, numbers.word, numbers.number).tobytes(),
         style=numbers.style[kept].astype("<u2").tobytes(),
         odd={
-            n: program.data[words.start[word] + 1 : words.end[word]]
+            n: program.data[start[word] + 1 : end[word]]
             for n, word in zip(odd.tolist(), numbers.word[kept][odd].tolist(), strict=True)
         },
     )
-    start, end = words.start[numbers.word] + 1, words.end[numbers.word]
-    # The words are several times as large as the text, of which there will be three.
-    del words
-    program.source.let_go()
+    del block, letter, kept
+    start, end = start[numbers.word] + 1, end[numbers.word]
     text = np.frombuffer(b"".join(texts), np.uint8)
     out = assemble(np.frombuffer(data, np.uint8), start, end, sealed(numbers.pool), numbers.bounds, spans, text)
     _check_lines(program, out, dialect)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from ph_post.gcode.program import PartProgram, PlaceArray, expand
+from ph_post.gcode.program import PartProgram, PlaceArray, expand, narrowed
 from ph_post.types import BoolArray, IntArray
 from ph_post.verify.declared import DeclaredChanges, comment_of
 from ph_post.verify.verdict import Findings, quoted
@@ -58,17 +60,25 @@ class ChangedLines(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class LinePairs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Lines that belong together.
 
-    `old`, `new` (k,) the lines outside changes, pair by pair, in order. `old_change`, `new_change` the change of each
-    line, :data:`NO_CHANGE` outside (markers and the header belong to none). `ends` is true where the
-    original's last line was given a line end, so that the undo lines can follow it.
+    `old_change`, `new_change` the change of each line, :data:`NO_CHANGE` outside, in the narrowest type: reckoning
+    with them needs a wider one. Markers, and what else is `apart` of the new lines (the header), belong to none. `ends`
+    is true where the original's last line was given a line end, so that the undo lines can follow it.
     """
 
     changes: ChangedLines
-    old: PlaceArray
-    new: PlaceArray
-    old_change: PlaceArray
-    new_change: PlaceArray
+    old_change: NDArray[Any]
+    new_change: NDArray[Any]
+    apart: BoolArray
     ends: bool
+
+    def outside(self) -> tuple[PlaceArray, PlaceArray]:
+        """Return the lines outside changes, pair by pair, in order, (k,) each: as large as a fifth of a text each."""
+        old, new = (
+            np.flatnonzero(outside).astype(np.int32)
+            for outside in (self.old_change == NO_CHANGE, (self.new_change == NO_CHANGE) & ~self.apart)
+        )
+        shared = min(old.size, new.size)
+        return old[:shared], new[:shared]
 
 
 def pair_lines(
@@ -174,20 +184,13 @@ def _line_pairs(
     apart[declared.first : declared.last] = True
     apart[declared.tail : declared.behind] = True
     apart[changes.marker] = True
-    old, new = (
-        np.flatnonzero(outside).astype(np.int32)
-        for outside in (old_change == NO_CHANGE, (new_change == NO_CHANGE) & ~apart)
-    )
-    shared = min(old.size, new.size)
     ends = declared.tail < compensated.blocks and original.blocks > 0 and not original.data.endswith((b"\n", b"\r"))
-    return LinePairs(
-        changes=changes, old=old[:shared], new=new[:shared], old_change=old_change, new_change=new_change, ends=ends
-    )
+    return LinePairs(changes=changes, old_change=old_change, new_change=new_change, apart=apart, ends=ends)
 
 
-def _change_of_lines(lines: int, first: IntArray, last: IntArray) -> PlaceArray:
-    change = np.full(lines, NO_CHANGE, dtype=np.int32)
+def _change_of_lines(lines: int, first: IntArray, last: IntArray) -> NDArray[Any]:
     inside, number = expand(first, last)
+    change = np.full(lines, NO_CHANGE, dtype=narrowed(number).dtype)
     change[inside] = number
     return change
 
@@ -196,10 +199,11 @@ def _report_count(
     original: PartProgram, compensated: PartProgram, found: LinePairs, missing: int, findings: Findings
 ) -> None:
     """Name the first pair of lines that are plainly not the same, where lines are missing or too many."""
+    one, other = found.outside()
     same = np.fromiter(
         (
             _shape(original.text(old)) == _shape(compensated.text(new))
-            for old, new in zip(found.old.tolist(), found.new.tolist(), strict=True)
+            for old, new in zip(one.tolist(), other.tolist(), strict=True)
         ),
         dtype=bool,
     )
@@ -208,7 +212,7 @@ def _report_count(
     if place is None:
         findings.add("lines", f"{what} at the end")
         return
-    old, new = int(found.old[place]), int(found.new[place])
+    old, new = int(one[place]), int(other[place])
     findings.add(
         "lines",
         f"{what}, here or before",

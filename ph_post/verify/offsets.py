@@ -401,7 +401,7 @@ def check_known(case: VerifyCase, pairing: Pairing) -> None:
         (case.compensated.motions, pairing.new_change),
     ):
         motion, axis = np.nonzero(np.isnan(motions.start) & ~np.isnan(motions.end) & (change != NO_CHANGE)[:, None])
-        moved.append((motion, np.bincount(3 * change[motion] + axis, minlength=3 * number)))
+        moved.append((motion, np.bincount(3 * change[motion].astype(np.int64) + axis, minlength=3 * number)))
     (_, old), (motion, new) = moved
     for place in np.flatnonzero(new > old).tolist():
         first = motion[pairing.new_change[motion] == place // 3][0]

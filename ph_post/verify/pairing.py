@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from ph_post.compiling import compiled, read_only
 from ph_post.gcode.program import AXES, LINE, RAPID, CodeArray, Motions, PlaceArray
@@ -41,8 +42,8 @@ class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     old: PlaceArray
     new: PlaceArray
-    old_change: PlaceArray
-    new_change: PlaceArray
+    old_change: NDArray[Any]
+    new_change: NDArray[Any]
     jog: BoolArray
     approach: BoolArray
     crossed: BoolArray
@@ -110,7 +111,7 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
     )
 
 
-def _rapid_approaches(case: VerifyCase, old_change: PlaceArray, new_change: PlaceArray) -> BoolArray:
+def _rapid_approaches(case: VerifyCase, old_change: NDArray[Any], new_change: NDArray[Any]) -> BoolArray:
     """Mask (k,) of the rapids in changes that only bring a declared axis onto its side, right behind another rapid.
 
     They are as many as the change has more rapids than the original.
@@ -144,7 +145,7 @@ def _takes_up(case: VerifyCase, start: Array, end: Array) -> bool:
 
 
 def _pairs(
-    case: VerifyCase, old_change: PlaceArray, new_change: PlaceArray, added: BoolArray
+    case: VerifyCase, old_change: NDArray[Any], new_change: NDArray[Any], added: BoolArray
 ) -> tuple[PlaceArray, PlaceArray] | None:
     """Motions one to one: by their lines outside changes, and the rapids of each change by their order.
 
@@ -153,7 +154,9 @@ def _pairs(
     one, other, lines = case.original.motions, case.compensated.motions, case.lines
     old_line = np.zeros(case.original.blocks, dtype=np.int32)
     new_line = np.zeros(case.compensated.blocks, dtype=np.int32)
-    old_line[lines.old] = new_line[lines.new] = np.arange(lines.old.size)
+    outside = lines.outside()
+    old_line[outside[0]] = new_line[outside[1]] = np.arange(outside[0].size)
+    del outside
     old = np.flatnonzero((old_change == NO_CHANGE) | (one.kind == RAPID)).astype(np.int32)
     new = np.flatnonzero(((new_change == NO_CHANGE) | (other.kind == RAPID)) & ~added).astype(np.int32)
     old_place = np.where(old_change[old] == NO_CHANGE, old_line[one.block[old]], -1 - old_change[old])
@@ -172,7 +175,7 @@ def _pairs(
     return None
 
 
-def _find_jogs(case: VerifyCase, change: PlaceArray, dwells: Dwells) -> BoolArray:
+def _find_jogs(case: VerifyCase, change: NDArray[Any], dwells: Dwells) -> BoolArray:
     """Straight moves in changes, between two added dwells, of declared axes, each by a declared amount.
 
     A take-up move is one of a single axis; with a change of the offset others may be changed as well.
@@ -196,7 +199,7 @@ def _find_jogs(case: VerifyCase, change: PlaceArray, dwells: Dwells) -> BoolArra
 
 
 def _find_approaches(
-    case: VerifyCase, old: PlaceArray, new: PlaceArray, change: PlaceArray, added: BoolArray
+    case: VerifyCase, old: PlaceArray, new: PlaceArray, change: NDArray[Any], added: BoolArray
 ) -> BoolArray:
     """Straight moves in changes right behind a rapid, of one declared axis, to its place with a declared offset.
 
@@ -228,7 +231,7 @@ def _find_approaches(
     return found
 
 
-def _first_of_all(motions: Motions, change: PlaceArray, jog: BoolArray) -> BoolArray:
+def _first_of_all(motions: Motions, change: NDArray[Any], jog: BoolArray) -> BoolArray:
     """Mask (k,) of the jogs that begin their changes, of axes that have not moved from a known place in their chains.
 
     On which side such an axis begins nobody knows; on the wrong one the original is no nearer to the path.
@@ -240,7 +243,7 @@ def _first_of_all(motions: Motions, change: PlaceArray, jog: BoolArray) -> BoolA
     head = run_begins(change)[jogs]
     leading = jogs - head == np.arange(jogs.size) - np.searchsorted(jogs, head)  # none but jogs before it there
     jogs, head = jogs[leading], head[leading]
-    begins = run_begins(motions.chain.astype(np.int32))[jogs]
+    begins = run_begins(motions.chain)[jogs]
     for axis in range(len(AXES)):
         way = np.abs(motions.end[:, axis] - motions.start[:, axis]) > EXACT
         moved = np.append(np.int32(0), np.cumsum(way, dtype=np.int32))
@@ -248,9 +251,9 @@ def _first_of_all(motions: Motions, change: PlaceArray, jog: BoolArray) -> BoolA
     return found
 
 
-def run_begins(number: IntArray | PlaceArray) -> PlaceArray:
+def run_begins(number: NDArray[Any]) -> PlaceArray:
     """Return the first of the equal numbers in a row among which each is, (k,)."""
-    return np.asarray(_run_begins(read_only(number)))
+    return np.asarray(_run_begins(read_only(number.astype(np.int32, copy=False))))
 
 
 @compiled
@@ -291,8 +294,8 @@ def declared_sides(declared: DeclaredChanges) -> dict[int, tuple[float, float]]:
 def _crossed_ends(
     one: Motions,
     other: Motions,
-    old_change: PlaceArray,
-    new_change: PlaceArray,
+    old_change: NDArray[Any],
+    new_change: NDArray[Any],
     crossed: BoolArray,
     approach: BoolArray,
 ) -> tuple[IntArray, IntArray, BoolArray, BoolArray]:
@@ -329,7 +332,7 @@ def is_declared(way: Array, offset: float, pulse: float) -> BoolArray:
 
 
 def dwell_beside(
-    block: PlaceArray, change: PlaceArray, dwells: Dwells, lines: LinePairs
+    block: PlaceArray, change: NDArray[Any], dwells: Dwells, lines: LinePairs
 ) -> tuple[BoolArray, BoolArray]:
     """Return masks (k,) of the motions with a dwell before them, and after them, in their own change."""
     if not dwells.block.size or not block.size:
@@ -434,7 +437,7 @@ RANK = 1 << 32
 
 
 def stretch_keys(
-    kind: CodeArray, change: PlaceArray, without: BoolArray, approach: BoolArray | None = None
+    kind: CodeArray, change: NDArray[Any], without: BoolArray, approach: BoolArray | None = None
 ) -> tuple[IntArray, IntArray]:
     """Change and number of rapids before it there, as one number, of the motions that cut in changes.
 

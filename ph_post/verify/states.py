@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from ph_post.bounds import in_parts
 from ph_post.gcode.codes import takes_axes
@@ -76,7 +77,7 @@ def _axis_takers(words: WordTable, lines: IntArray) -> dict[int, list[float]]:
     return {block: sorted(words.value[own][words.letter[own] == _G].tolist()) for block, own in rows.items()}
 
 
-def _commands(words: WordTable, change: PlaceArray) -> Array:
+def _commands(words: WordTable, change: NDArray[Any]) -> Array:
     """Change, letter and value of the words that are neither geometry nor free, shape (3, n)."""
     free = (words.letter == _G) & np.isin(words.value, _FREE)
     own = (change[words.block] != NO_CHANGE) & ~np.isin(words.letter, _GEOMETRY) & ~free
@@ -208,8 +209,11 @@ _CONVERTED = 1e-12
 def check_states(case: VerifyCase) -> None:
     """Compare the state after each line outside changes and after each change, and what changes hold meanwhile."""
     original, compensated, changes = case.original, case.compensated, case.lines.changes
-    old = np.concatenate([case.lines.old, (changes.old_last - 1).astype(np.int32)])
-    new = np.concatenate([case.lines.new, (changes.new_last - 1).astype(np.int32)])
+    ends = changes.old_last, changes.new_last
+    old, new = (
+        np.concatenate([outside, (last - 1).astype(np.int32)])
+        for outside, last in zip(case.lines.outside(), ends, strict=True)
+    )
     known = StateNumbering(("motion",))
     unlike = (
         _after(known.number(original)[original.state], old, known.of(Modal()))

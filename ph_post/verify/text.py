@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from ph_post.compiling import compiled
 from ph_post.gcode.program import (
@@ -97,16 +98,17 @@ def check_text(case: VerifyCase) -> tuple[WordTable, WordTable]:
     original, compensated, lines = case.original, case.compensated, case.lines
     sides = _Side.of(original), _Side.of(compensated)
     changes = lines.old_change, lines.new_change
-    shifted, parts = 0, range(0, max(lines.old.size, 1), _LINES)
-    ends = [(0, 0), *((int(lines.old[low]), int(lines.new[low])) for low in parts[1:])]
+    old, new = lines.outside()
+    shifted, parts = 0, range(0, max(old.size, 1), _LINES)
+    ends = [(0, 0), *((int(old[low]), int(new[low])) for low in parts[1:])]
     found: list[list[WordTable]] = [[], []]
     for low, first, last in zip(parts, ends, [*ends[1:], (original.blocks, compensated.blocks)], strict=True):
         words = original.source.part(first[0], last[0]), compensated.source.part(first[1], last[1])
         for own, program, part, change in zip(found, (original, compensated), words, changes, strict=True):
             own.append(part.take(_looked_at(program, part, change)))
-        if lines.old.size:
-            shifted += _check_part(case, sides, slice(low, low + _LINES), words)
-    case.findings.count("lines", lines.old.size)
+        if old.size:
+            shifted += _check_part(case, sides, (old[low : low + _LINES], new[low : low + _LINES]), words)
+    case.findings.count("lines", old.size)
     case.findings.count("shifted words", shifted)
     foreign = compensated.data.find(b"\r") if b"\r" not in original.data else -1
     if foreign >= 0:
@@ -116,7 +118,7 @@ def check_text(case: VerifyCase) -> tuple[WordTable, WordTable]:
     return one, other
 
 
-def _looked_at(program: PartProgram, words: WordTable, change: PlaceArray) -> IntArray:
+def _looked_at(program: PartProgram, words: WordTable, change: NDArray[Any]) -> IntArray:
     """Return the rows of the words in changes, of lines with dwells, and of further axes."""
     dwells = words.block[words.g_words(_DWELL)]
     further = np.isin(np.arange(256), [ord(letter) for letter in program.language.further])
@@ -124,15 +126,20 @@ def _looked_at(program: PartProgram, words: WordTable, change: PlaceArray) -> In
     return np.flatnonzero(found | np.isin(words.block, dwells) if dwells.size else found)
 
 
-def _check_part(case: VerifyCase, sides: tuple[_Side, _Side], part: slice, words: tuple[WordTable, WordTable]) -> int:
+def _check_part(
+    case: VerifyCase,
+    sides: tuple[_Side, _Side],
+    lines: tuple[PlaceArray, PlaceArray],
+    words: tuple[WordTable, WordTable],
+) -> int:
     """Compare some pairs of lines, of which the words are given; returns how many of those are shifted."""
     original, compensated = case.original, case.compensated
-    old, new = case.lines.old[part], case.lines.new[part]
+    old, new = lines
     pairs = _shifted(case, sides, _pair_words(*words, old, new))
     _check_amounts(case, sides, pairs)
     chosen = zip(words, (pairs.old, pairs.new), strict=True)
     spans = tuple((own.start[rows] + np.int32(1), own.end[rows]) for own, rows in chosen)
-    for place in _differing(case, part, spans).tolist():
+    for place in _differing(case, lines, spans).tolist():
         first, second = int(old[place]), int(new[place])
         case.findings.add(
             "text",
@@ -300,9 +307,11 @@ def _report_word(case: VerifyCase, pairs: _Pairs, place: int, amount: DeclaredLe
     )
 
 
-def _differing(case: VerifyCase, part: slice, spans: tuple[tuple[PlaceArray, PlaceArray], ...]) -> IntArray:
-    """Pairs of lines, by place among a part of them, that are not the same but for the numbers at `spans`."""
-    programs, lines = (case.original, case.compensated), (case.lines.old[part], case.lines.new[part])
+def _differing(
+    case: VerifyCase, lines: tuple[PlaceArray, PlaceArray], spans: tuple[tuple[PlaceArray, PlaceArray], ...]
+) -> IntArray:
+    """Pairs of lines, by place among them, that are not the same but for the numbers at `spans`."""
+    programs = case.original, case.compensated
     (one, first), (other, second) = (
         (np.frombuffer(program.data, dtype=np.uint8), np.column_stack([program.lines[own], program.lines[own + 1]]))
         for program, own in zip(programs, lines, strict=True)

@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.compensated import bracket, headed, planes, relative
+from support.corpus import stepper
 
+from ph_post.api.compensation import compensate
 from ph_post.cli.main import main
 from ph_post.drive.machinefile import read_machine
+from ph_post.files.storage import SourceBytes
 from ph_post.gcode.read import read_program
 from ph_post.units import MM
 from ph_post.verify.polylines import first_unreached
@@ -55,6 +58,20 @@ def test_other_bytes_need_one():
     assert (failure.kind, failure.original, failure.compensated) == ("undeclared", 12, 12)
     assert "G1 X20 F600" in failure.expected
     assert "G1 X21 F600" in failure.got
+
+
+@pytest.mark.parametrize("homings", [1, 20, 60])
+def test_axes_that_come_from_home_in_few_and_in_many_changes(homings):
+    """Each homing brings six changes: their numbers take one byte up to 127 of them, and two beyond."""
+    pocket = "G28\nG0 X5 Y5\nG1 Z-1\nX20\nY20\nX5\nY5\nX20\nG0 Z5\n"
+    original = ("G21 G90 G94 G17 F600\nG0 X0 Y0 Z5\n" + homings * pocket + "M2\n").encode()
+    written = compensate(SourceBytes(name="a", stem="a", data=original), stepper("linuxcnc")).program()
+    assert (written.count(b"\n(ph-post: +") > 127) == (homings == 60)
+    assert judged(original, written).ok
+    # A move of Z alone in the last change, where nobody knows yet where it is.
+    place = written.rindex(b"\n", 0, written.rindex(b" X approach")) + 1
+    place = written.index(b"\n", place) + 1
+    assert not judged(original, written[:place] + b"G1 Z4 F100\n" + written[place:]).ok
 
 
 def test_an_arc_divided_where_its_axis_turns():
