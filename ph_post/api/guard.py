@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 from typing import Final
 
 import msgspec
@@ -184,9 +185,7 @@ def _section_errors(motion: ProgramMotion) -> list[Array]:
     cut = motion.cut
     low, _ = section_spans(motion.original.motions)
     section = np.searchsorted(low, cut.motion[cut.counted], side="right") - 1
-    order = np.argsort(section, kind="stable").astype(np.int32)
-    edges = np.searchsorted(section[order], np.arange(low.size + 1))
-    sections = [*(order[edges[n] : edges[n + 1]] for n in range(low.size)), order]
+    sections = _rows_by_section(section, low.size)
     del section
 
     def errors(scenario: Scenario) -> Array:
@@ -199,20 +198,39 @@ def _section_errors(motion: ProgramMotion) -> list[Array]:
     return [stays, *(own for one, own in found.items() if one.runs_on is not None)]
 
 
+def _rows_by_section(section: IntArray, count: int) -> list[PlaceArray | slice]:
+    """Return the rows of each of so many sections, and of all, by the section (n,) of each row."""
+    if not (section[1:] < section[:-1]).any():
+        # One section after the other: what is taken of a million rows is no copy.
+        edges = np.searchsorted(section, np.arange(count + 1)).tolist()
+        return [*(slice(low, high) for low, high in pairwise(edges)), slice(0, section.size)]
+    order = np.argsort(section, kind="stable").astype(np.int32)
+    edges = np.searchsorted(section[order], np.arange(count + 1)).tolist()
+    return [*(order[low:high] for low, high in pairwise(edges)), order]
+
+
 def _ways(cut: FollowedCut, scenario: Scenario) -> Array:
     """Return the ways of the rows that count [m]: how far the table goes, or its motor along the path."""
-    way = np.abs(np.diff(cut.place, prepend=cut.place[:1]))
+    way = _steps(cut.place)
     for axis in cut.runs.tables(scenario):
-        np.maximum(way, np.abs(np.diff(axis, prepend=axis[:1])), out=way)
+        np.maximum(way, _steps(axis), out=way)
     return way[cut.counted]
 
 
-def _by_section(distance: Array, way: Array, sections: Sequence[PlaceArray]) -> Array:
+def _steps(places: Array) -> Array:
+    """Return how far each of some places (n,) is from the one before it, 0 of the first."""
+    found = np.empty(places.size)
+    found[:1] = 0.0
+    np.subtract(places[1:], places[:-1], out=found[1:])
+    return np.abs(found, out=found)
+
+
+def _by_section(distance: Array, way: Array, sections: Sequence[PlaceArray | slice]) -> Array:
     """Errors of the rows of each section, as of `_section_errors`."""
     found = np.zeros((len(sections), 4))
     for number, rows in enumerate(sections):
-        if rows.size:
-            own = distance[rows]
+        own = distance[rows]
+        if own.size:
             even = own[_evenly(way[rows])]
             found[number] = own.max(), np.sqrt((own * own).mean()), percentile(own), percentile(even)
     return found

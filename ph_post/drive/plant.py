@@ -363,4 +363,6 @@ def referred_table(plant: Plant, table: Array) -> Array:
     >>> [float(referred_table(plant, table_behind(plant, np.array([0.1]), flank))[0]) for flank in (-1, 1)]
     [0.1, 0.09996]
     """
-    return table + 0.5 * plant.reference * gap_at(plant, table) if plant.reference else table
+    if not plant.reference:
+        return table
+    return table + 0.5 * plant.reference * (plant.gap if plant.widening is None else gap_at(plant, table))

@@ -166,16 +166,17 @@ class AlikeRows:
 
     def errors(self, table: Sequence[Array]) -> Array:
         """Errors (n,) [m] of the places of the table in every row, a column (n,) an axis [m]."""
-        rows, alike = np.arange(table[0].size), np.zeros(table[0].size)
+        count, rows, found = table[0].size, None, np.zeros(0)
         for known, errors in self._known:
             others = np.flatnonzero(_unlike(table, known))
-            if others.size < rows.size:
-                rows, alike = others, errors
-        found = alike.copy()
-        for part in in_parts(rows.size):
-            own = rows[part]
+            if others.size < (count if rows is None else rows.size):
+                rows, found = others, errors
+        found = np.empty(count) if rows is None else found.copy()
+        unlike = count if rows is None else rows.size
+        for part in in_parts(unlike):
+            own = np.arange(part.start, min(part.stop, count)) if rows is None else rows[part]
             found[own] = self._measure(np.stack([column[own] for column in table], axis=1), own)
-        if 2 * rows.size > found.size:
+        if 2 * unlike > found.size:
             self._known = [*self._known, (table, found)][-KEPT:]
         return found
 

@@ -124,7 +124,7 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = NOMINAL_SC
 KEPT: Final = 2
 """Runs of an axis that are kept at least for the next scenarios, which differ in the sides of the axes."""
 
-SPACE: Final = 64_000_000
+SPACE: Final = 16_000_000
 """What runs that are kept for those who measure the same scenarios otherwise may take [bytes]."""
 
 

@@ -172,12 +172,13 @@ class CutPath:
 
     def closest_to(self, axes: Sequence[str], table: Array, place: Array, reach: Array) -> tuple[Array, Array]:
         """As :meth:`closest_points`, of tables (n, axes) [m] at most `reach` (n,) [m] behind or before a place."""
-        return closest_within(self._pieces, self.starts, self.in_space(axes, table), place, reach)
+        return closest_within(self._pieces, self.starts, self.in_space(axes, table), place, np.ascontiguousarray(reach))
 
     def reach(self, axes: Sequence[str], commanded: Array, period: float) -> Array:
         """Return how far the table may be before and behind the place of each row of a command (n, axes) [m]."""
         # In a corner an offset puts the command's place onto the next line earlier.
-        return self._reach(axes, commanded) + self._lag(axes, commanded, period)
+        reach, lag = self._reach(axes, commanded), self._lag(axes, commanded, period)
+        return np.broadcast_to(reach, lag.shape) if lag.strides == (0,) else reach + lag
 
     def points(self, place: Array, axes: Sequence[str] = AXES) -> Array:
         """Points at places (n,) along the program [m], shape (n, axes) [m]."""
@@ -197,7 +198,7 @@ class CutPath:
         """Return the distance that the table may be behind the command in every row [m]."""
         late = 2.0 * max(response_time(self._machine.axes[name].servo) for name in axes)
         if late == 0.0:
-            return np.zeros(len(commanded))
+            return np.broadcast_to(0.0, len(commanded))
         rows = 1 + math.ceil((late + settling_time(self._machine, axes)) / period)
         fastest = np.concatenate([[0.0], steps_of(commanded)])
         width = 1
