@@ -78,7 +78,12 @@ def part_length(motions: Motions, k: int, low: float, high: float) -> float:
     if motions.kind[k] != ARC:
         way = motions.end[k] - motions.start[k]
         return float((high - low) * np.linalg.norm(np.nan_to_num(way) if np.isnan(way).any() else way))
-    return float((high - low) * arc_lengths(motions, np.array([k]))[0])
+    a, b, axis = PLANE_AXES[int(motions.plane[k])]
+    start, end, center = motions.start[k], motions.end[k], motions.center[k]
+    # As of many arcs, which takes ten times as long for one.
+    swept = np.hypot(start[a] - center[0], start[b] - center[1]) * motions.angle[k]
+    rise = end[axis] - start[axis]
+    return float((high - low) * np.hypot(swept, 0.0 if np.isnan(rise) else rise))
 
 
 def arc_lengths(motions: Motions, arcs: IntArray) -> Array:

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import signal
 from support.engine_cases import make_axis, make_machine
+from support.linear_response import response
 
 from ph_post.diagnose.consistency import MOST, disagreement, sides_factor
 from ph_post.diagnose.findings import AxisDiagnosis, fit_chosen_model
@@ -38,7 +38,7 @@ def command() -> Array:
 
 def servo() -> Array:
     a = np.array([[0.0, 1.0], [-1.0 / B, -C / B]])
-    return np.asarray(signal.lsim((a, [[0.0], [1.0 / B]], [[1.0, 0.0]], 0.0), command(), T)[1])
+    return response((a, [[0.0], [1.0 / B]], [[1.0, 0.0]], 0.0), command(), T)
 
 
 def logged(missing: Array, seed: int = 1) -> AxisProblem:

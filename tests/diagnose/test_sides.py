@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import signal
 from support.engine_cases import make_axis, make_machine
+from support.linear_response import response
 
 from ph_post.diagnose.diagnose import diagnose
 from ph_post.diagnose.sides import gap_between
@@ -27,7 +27,7 @@ def cascade(command: Array, lead: float = 0.95) -> Array:
     a = [[0.0, 1.0, 0.0], [-speed * gain, -speed, speed * rate], [-gain, -1.0, 0.0]]
     b = [[0.0, 0.0], [speed * gain, speed * lead], [gain, lead]]
     both = np.stack([command, np.gradient(command, 1e-3)], axis=1)
-    return np.asarray(signal.lsim((a, b, [[1.0, 0.0, 0.0]], [[0.0, 0.0]]), both, T)[1])
+    return response((a, b, [[1.0, 0.0, 0.0]], [[0.0, 0.0]]), both, T)
 
 
 def friction_held(motor: Array, gap: float) -> Array:

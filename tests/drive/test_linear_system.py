@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.signal import lsim
+from support.linear_response import response
 
 from ph_post.drive.linear_system import respond
 
@@ -25,6 +26,7 @@ def test_it_is_that_of_scipy(order: int, period: float) -> None:
         given *= taken[-1] / given[-1]
         expected = lsim((given, taken), command, t)[1]
         assert np.abs(respond(given, taken, command, period) - expected).max() < 1e-9 * np.abs(expected).max()
+        assert np.abs(response((given, taken), command, t) - expected).max() < 1e-9 * np.abs(expected).max()
 
 
 def test_without_a_pole_it_is_the_command() -> None:

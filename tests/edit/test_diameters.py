@@ -201,7 +201,7 @@ def test_a_lathe_is_known_by_its_tools_and_a_drill_comes_to_its_axis_from_a_know
 
 def test_a_lathe_that_is_known_by_its_slow_feeds_stays_one_with_the_feeds_of_crossings():
     """Its arcs are in G18, which nothing says: read as a mill's they could not be understood."""
-    cuts = "G01 X8. F1.1\nX-0.4\nG00 X9. Z-1.\nG01 X4.\nZ-4.\nG03 X6. Z-5. I0 K-1.\nG01 Z-6.\nX9. Z-5.\n"
+    cuts = "G01 X8. F1.9\nX-0.4\nG00 X9. Z-1.\nG01 X4.\nZ-4.\nG03 X6. Z-5. I0 K-1.\nG01 Z-6.\nX9. Z-5.\n"
     text = f"O0001\nG98\nT0202.0\nG00 X20. Z5.\nG00 X10. Z0\n{cuts}G00 X20.\nZ5.\nM30\n"
     found = judge(Entry("slow", File(), "fanuc", text))
     assert found.outcome == "compensated"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
-from scipy import signal
 from support.engine_cases import make_axis, make_machine
+from support.linear_response import response
 
 from ph_post.identify.excerpt import KEPT, MOST, excerpt
 from ph_post.identify.free_run import problem_of, residuals, split_evenly
@@ -49,7 +49,7 @@ def logged(seconds: float, period: float = 1e-3) -> Log:
     command = shop_floor(seconds, period)
     a = np.array([[0.0, 1.0], [-1.0 / B, -C / B]])
     t = period * np.arange(command.size)
-    motor = np.asarray(signal.lsim((a, [[0.0], [1.0 / B]], [[1.0, 0.0]], 0.0), command, t)[1])
+    motor = response((a, [[0.0], [1.0 / B]], [[1.0, 0.0]], 0.0), command, t)
     axes = {"X": AxisLog(command=command, table=play(motor, GAP), motor=motor)}
     return Log(name="shop", t=t, period=period, axes=axes)
 

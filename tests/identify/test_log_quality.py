@@ -12,6 +12,7 @@ from scipy import io as matlab
 from scipy import signal
 from scipy.integrate import solve_ivp
 from support.engine_cases import make_axis, make_machine
+from support.linear_response import response
 
 from ph_post.diagnose.residual_features import is_structured
 from ph_post.diagnose.residual_places import locate
@@ -42,8 +43,7 @@ def record(command: Array, reading: Array | None, period: float = PERIOD, **othe
 def servo(command: Array, period: float = PERIOD) -> Array:
     """The linear loop as this test has it: state space, first order hold."""
     a = np.array([[0.0, 1.0], [-1.0 / B, -C / B]])
-    found = signal.lsim((a, [[0.0], [1.0 / B]], [[1.0, 0.0]], 0.0), command, period * np.arange(command.size))
-    return np.asarray(found[1], dtype=np.float64)
+    return response((a, [[0.0], [1.0 / B]], [[1.0, 0.0]], 0.0), command, period * np.arange(command.size))
 
 
 def sweeps(seconds: float, seed: int = 0, period: float = PERIOD) -> Array:

@@ -21,7 +21,7 @@ from ph_post.progress import no_progress
 from support.canon import RS274
 from support.canon_player import canon_moves
 from support.corpus import TOOLS, Entry, stepper
-from support.ideal_play import distances
+from support.ideal_play import Polyline, distances
 from support.interpreted import installed_version
 from support.lathe_player import is_lathe, lathe_moves
 from support.reference_player import BEGINS, Move, interpret, play
@@ -297,11 +297,12 @@ Places = tuple[np.ndarray, np.ndarray]
 def _compared(found: Judged, one: Places, other: Places, path: np.ndarray, axes: str) -> Judged:
     (motor, cuts), (after, cuts_after) = one, other
     tree = cKDTree(motor[cuts])
-    cuts_after &= ~((distances(after, path) > TAKEN_UP) & (distances(after, motor) < TAKEN_UP))
+    polyline = Polyline(path)
+    cuts_after &= ~((polyline.distances(after) > TAKEN_UP) & (distances(after, motor) < TAKEN_UP))
     labels = _stretches(motor, cuts)
     worst: list[tuple[np.ndarray, ...]] = []
     for side in (-1.0, 1.0):
-        errors = [distances(table_of(m, side, axes)[c], path) for m, c in ((motor, cuts), (after, cuts_after))]
+        errors = [polyline.distances(table_of(m, side, axes)[c]) for m, c in ((motor, cuts), (after, cuts_after))]
         near = tree.query(after[cuts_after])[1]
         own = [(labels, errors[0]), (labels[near], errors[1])]
         worst.append((*errors, *(_by_stretch(rows, error, int(labels.max(initial=0)) + 1) for rows, error in own)))

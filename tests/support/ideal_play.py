@@ -61,31 +61,45 @@ def table(motor: np.ndarray, backlash: dict[str, float], sides: dict[str, float]
     return found
 
 
-def distances(places: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Distances [mm] of places from the polyline through points.
+class Polyline:
+    """The polyline through points, from which distances are asked for.
 
     The nearest point may be one of another pass, or of a short cut beside a long one whose points are far apart. So of
     all pieces those are looked at whose middle is no farther away than what was found and half of their length. Pieces
     that are much longer than most are no path but a way through the air: they count where they begin at the nearest
     point.
     """
-    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    nearest = cKDTree(path).query(places)[1]
-    found = np.minimum(_from_piece(places, path, nearest - 1), _from_piece(places, path, nearest))
-    pieces = np.flatnonzero(lengths <= min(lengths.max(), AIR * float(np.quantile(lengths, MOST))))
-    # Of passes over the same way one is enough.
-    ways = np.round(np.stack([path[:-1], path[1:]], axis=1)[pieces] / ON).reshape(-1, 2 * path.shape[1])
-    pieces = pieces[np.unique(ways, axis=0, return_index=True)[1]]
-    # Of pieces of about the same length few are near enough.
-    size = np.ceil(np.log2(np.maximum(lengths[pieces], ON)))
-    for own in (pieces[size == one] for one in np.unique(size)):
-        _come_nearer(found, places, path, own, 0.5 * lengths[own].max())
-    return found
+
+    def __init__(self, path: np.ndarray) -> None:
+        self._path, self._points = path, cKDTree(path)
+        lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
+        pieces = np.flatnonzero(lengths <= min(lengths.max(), AIR * float(np.quantile(lengths, MOST))))
+        # Of passes over the same way one is enough.
+        ways = np.round(np.stack([path[:-1], path[1:]], axis=1)[pieces] / ON).reshape(-1, 2 * path.shape[1])
+        pieces = pieces[np.unique(ways, axis=0, return_index=True)[1]]
+        # Of pieces of about the same length few are near enough.
+        size = np.ceil(np.log2(np.maximum(lengths[pieces], ON)))
+        alike = (pieces[size == one] for one in np.unique(size))
+        self._alike = [(own, cKDTree(0.5 * (path[own] + path[own + 1])), 0.5 * lengths[own].max()) for own in alike]
+
+    def distances(self, places: np.ndarray) -> np.ndarray:
+        """Return the distances [mm] of places."""
+        path, nearest = self._path, self._points.query(places)[1]
+        found = np.minimum(_from_piece(places, path, nearest - 1), _from_piece(places, path, nearest))
+        for pieces, tree, half in self._alike:
+            _come_nearer(found, places, path, pieces, tree, half)
+        return found
 
 
-def _come_nearer(found: np.ndarray, places: np.ndarray, path: np.ndarray, pieces: np.ndarray, half: float) -> None:
+def distances(places: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Distances [mm] of places from the polyline through points."""
+    return Polyline(path).distances(places)
+
+
+def _come_nearer(
+    found: np.ndarray, places: np.ndarray, path: np.ndarray, pieces: np.ndarray, tree: cKDTree, half: float
+) -> None:
     """Lower distances found [mm] to those from pieces of a polyline that are no longer than twice a half length."""
-    tree = cKDTree(0.5 * (path[pieces] + path[pieces + 1]))
     rows, looked, most = np.flatnonzero(found > ON), 0, 4
     while rows.size and looked < len(pieces):
         most = min(most, len(pieces))

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from tests.support.ideal_play import dragged
+from tests.support.linear_response import response
 from tests.support.plants.axis import Forces, Plant
 from tests.support.plants.cascades import CascadeBody
 from tests.support.plants.stepping import Floats, solve, stop
@@ -266,10 +267,8 @@ def _swing(t: Floats, foot: Floats, resonance: float, damping: float) -> Floats:
 
     The foot is taken as straight between samples: its acceleration times dt²/12, some 3 nm, is left out.
     """
-    from scipy.signal import lsim
-
     system = ([2.0 * damping * resonance, resonance**2], [1.0, 2.0 * damping * resonance, resonance**2])
-    return np.asarray(lsim(system, foot - foot[0], t)[1]) + foot[0]
+    return response(system, foot - foot[0], t) + foot[0]
 
 
 def _two_masses(plant: Plant, forces: Forces, n: int, resonance: float, damping: float) -> Motion:
