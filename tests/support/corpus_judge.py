@@ -10,6 +10,7 @@ import math
 import re
 from typing import Final, NamedTuple
 
+import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -357,20 +358,30 @@ def table_of(motor: np.ndarray, side: float, axes: str) -> np.ndarray:
 
 def _stretches(motor: np.ndarray, cuts: np.ndarray) -> np.ndarray:
     """Numbers, for the samples that cut, of the stretches from one reversal of any axis to the next."""
-    turned = np.zeros(len(motor), dtype=np.int64)
+    turned = np.zeros(len(motor), dtype=np.bool_)
     for column in motor.T:
-        low = high = column[0]
-        sign = 0
-        for row, place in enumerate(column.tolist()):
-            low, high = (min(low, place), max(high, place)) if sign == 0 else (low, high)
-            if sign >= 0 and high - place > BAND:
-                turned[row] += sign != 0
-                sign, low = -1, place
-            elif sign <= 0 and place - low > BAND:
-                turned[row] += sign != 0
-                sign, high = 1, place
-            low, high = (min(low, place), high) if sign < 0 else (low, max(high, place))
-    return np.asarray(np.cumsum(turned > 0)[cuts])
+        _mark_turns(np.ascontiguousarray(column), turned)
+    return np.asarray(np.cumsum(turned)[cuts])
+
+
+@numba.njit(cache=True)
+def _mark_turns(column, turned):  # type: ignore[no-untyped-def]
+    low = high = column[0]
+    sign = 0
+    for row in range(column.size):
+        place = column[row]
+        if sign == 0:
+            low, high = min(low, place), max(high, place)
+        if sign >= 0 and high - place > BAND:
+            turned[row] |= sign != 0
+            sign, low = -1, place
+        elif sign <= 0 and place - low > BAND:
+            turned[row] |= sign != 0
+            sign, high = 1, place
+        if sign < 0:
+            low = min(low, place)
+        else:
+            high = max(high, place)
 
 
 def _by_stretch(labels: np.ndarray, errors: np.ndarray, count: int) -> np.ndarray:

@@ -108,16 +108,17 @@ def entry_speeds(blocks, settings):
     the largest from which the last of them can still stop.
     """
     count = len(blocks)
-    most = [mpf(0)] + [corner(a, b, settings) for a, b in pairwise(blocks)]
-    speeds = [mpf(0)]
+    # Squares of speeds, of which a block adds as much to any.
+    most = [mpf(0)] + [corner(a, b, settings) ** 2 for a, b in pairwise(blocks)]
+    added = [2 * one.acceleration * one.length for one in blocks]
+    squares = [mpf(0)]
     for k in range(count - 1):
         last = count if settings.buffer is None else min(count, k + settings.buffer)
         allowed = mpf(0)
         for j in range(last - 1, k, -1):
-            allowed = min(most[j], mp.sqrt(allowed**2 + 2 * blocks[j].acceleration * blocks[j].length))
-        gained = mp.sqrt(speeds[k] ** 2 + 2 * blocks[k].acceleration * blocks[k].length)
-        speeds.append(min(allowed, gained))
-    return speeds
+            allowed = min(most[j], allowed + added[j])
+        squares.append(min(allowed, squares[k] + added[k]))
+    return [mp.sqrt(square) for square in squares]
 
 
 def run_time(blocks, speeds):

@@ -137,12 +137,12 @@ class HandMachine:
 
 def _dense(table: np.ndarray, used: np.ndarray) -> np.ndarray:
     """The way where the cutter is in the work, at most a chord between places."""
-    pieces = []
-    for k in np.flatnonzero(used[1:] & used[:-1]):
-        one, other = table[k], table[k + 1]
-        count = max(1, math.ceil(float(np.hypot(*(other - one))) / CHORD))
-        pieces.append(one + np.linspace(0.0, 1.0, count, endpoint=False)[:, None] * (other - one))
-    return np.unique(np.round(np.concatenate(pieces), 7), axis=0)
+    piece = np.flatnonzero(used[1:] & used[:-1])
+    ways = table[piece + 1] - table[piece]
+    count = np.maximum(np.ceil(np.hypot(*ways.T) / CHORD), 1.0).astype(np.int64)
+    own = np.repeat(np.arange(piece.size), count)
+    share = (np.arange(own.size) - (np.cumsum(count) - count)[own]) / count[own]
+    return np.unique(np.round(table[piece[own]] + share[:, None] * ways[own], 7), axis=0)
 
 
 def _across(way: np.ndarray, radius: float, angle: float, rays: np.ndarray) -> float:
