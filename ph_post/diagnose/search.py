@@ -117,8 +117,12 @@ def with_noise(problem: AxisProblem, fitted: FittedModel) -> AxisProblem:
 
 def explains(problem: AxisProblem, before: FittedModel, after: FittedModel) -> bool:
     """Return whether a fit lowers the held-out residual of some channel by enough to be worth a name."""
+    return shows(problem, before, after, MOST_SHARE if before.model.parts and not at_floor(problem, after) else SHARE)
+
+
+def shows(problem: AxisProblem, before: FittedModel, after: FittedModel, share: float = SHARE) -> bool:
+    """Return whether a fit lowers the held-out residual of some channel visibly, and by that share of its excess."""
     visible = MORE_VISIBLE if before.model.parts else VISIBLE
-    share = MOST_SHARE if before.model.parts and not at_floor(problem, after) else SHARE
     for one in problem.observed:
         here = problem.held & one.ok
         was, now = (mean_square(fit.left[one.channel], here) for fit in (before, after))
@@ -319,8 +323,8 @@ def _try_all(problem: AxisProblem, ground: FittedModel, only: set[str] | None) -
     base = linearize(problem, ground)
     squares = float(base.rows @ base.rows)
     seeds = []
-    for hypothesis in hypotheses(problem):
-        if not _joins(ground.model, hypothesis) or (only is not None and hypothesis.label not in only):
+    for hypothesis in _joining(problem, ground.model):
+        if only is not None and hypothesis.label not in only:
             continue
         found = starting_models(base, hypothesis)
         # A start that makes things much worse is on the wrong side of what can be reached from it.
@@ -376,8 +380,17 @@ def _known_slopes(ground: FittedModel, more: Model) -> dict[int, Array]:
     return dict(enumerate(slopes.T))
 
 
+def _joining(problem: AxisProblem, model: Model) -> list[Hypothesis]:
+    """Return the hypotheses that mean something beside the parts of a model."""
+    found = [one for one in hypotheses(problem) if _joins(model, one)]
+    own = {one.name for one in found if one.beside}
+    return [one for one in found if one.beside or one.name not in own]
+
+
 def _joins(model: Model, hypothesis: Hypothesis) -> bool:
-    """Return whether a hypothesis means something beside the parts of a model."""
+    """Return whether a hypothesis means something beside each of the parts of a model."""
+    if hypothesis.beside and all(part.hypothesis.name not in hypothesis.beside for part in model.parts):
+        return False
     for part in model.parts:
         there = part.hypothesis
         if there.label == hypothesis.label or there.name in hypothesis.excludes:

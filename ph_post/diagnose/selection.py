@@ -14,6 +14,8 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.diagnose.consistency import MOST as MOST_UNLIKE
+from ph_post.diagnose.consistency import disagreement
 from ph_post.diagnose.fit import (
     FittedModel,
     Model,
@@ -48,6 +50,7 @@ from ph_post.diagnose.search import (
     has_structure,
     rank,
     score_over,
+    shows,
     with_noise,
     with_part,
     without_part,
@@ -331,7 +334,7 @@ def _choose_from(
             one
             for one in search.ranked(stages[-1])
             if one.score > EARNS
-            and explains(problem, stages[-1], one.fitted)
+            and (explains(problem, stages[-1], one.fitted) or _stands(problem, stages[-1], one.fitted))
             and does_enough(problem, one.fitted)
             and not _refines(problem, stages[-1].model, one)
         ]
@@ -350,6 +353,17 @@ def _wants_a_name(problem: AxisProblem, stages: Sequence[FittedModel]) -> bool:
         return has_structure(problem, stages[-1])
     bent = max(map(abs, stages[0].model.off), default=0.0) > BENT
     return bent or has_structure(problem, stages[0], 0.0)
+
+
+def _stands(problem: AxisProblem, before: FittedModel, after: FittedModel) -> bool:
+    """Return whether a name that explains less than half of what others leave has one size in every regime.
+
+    What only resembles what is missing has another size in slow motion than in quick.
+    """
+    if not before.model.parts or not shows(problem, before, after):
+        return False
+    whole = fit_model(problem, after.model, problem.counted)
+    return abs(disagreement(problem, whole, len(whole.model.parts) - 1).factor - 1.0) <= MOST_UNLIKE
 
 
 def _margin(problem: AxisProblem, fitted: FittedModel, score: float) -> float:

@@ -233,7 +233,7 @@ def _finding_lines(found: Finding) -> Iterator[str]:
     where = f": {found.where}" if found.where else ""
     yield f"{finding_name(found)}{where}{sure}"
     for key, one in found.parameters.items():
-        doubt = "" if with_error(one.value, one.stderr)[1] is not None else " (standard error unknown)"
+        doubt = "" if one.stderr is not None else " (standard error unknown)"
         yield f"  {key} = {parameter_words(key, one)}{doubt}"
     for sentence in found.evidence:
         yield f"  evidence: {sentence}"

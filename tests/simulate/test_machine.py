@@ -92,6 +92,10 @@ EFFECTS = {
         effect("friction_asymmetry", plus_following_error_s=-0.004, minus_following_error_s=0.003),
         effect("coulomb_friction", following_error_mm=0.1),
     ],
+    "asymmetric, even at a speed": [
+        effect("load_offset", following_error_mm=0.1),
+        effect("friction_asymmetry", plus_following_error_s=0.01, minus_following_error_s=-0.006, even_at_mm_s=25.0),
+    ],
     "load towards minus": [effect("load_offset", following_error_mm=0.3)],
     "load towards plus": [effect("load_offset", following_error_mm=-0.3)],
     "load beyond friction": [

@@ -141,8 +141,9 @@ def _of_effect(name: str, given: Any, found: dict[str, Any]) -> dict[str, Any]:
         case "viscous_friction" | "friction_asymmetry":
             plus, minus = found.get("viscous", (0.0, 0.0))
             same = given.get("following_error_s", 0.0)
-            added = (given.get(f"{way}_following_error_s", same) for way in ("plus", "minus"))
-            return {"viscous": (plus + next(added), minus + next(added))}
+            more, other = (given.get(f"{way}_following_error_s", same) for way in ("plus", "minus"))
+            load = found.get("load", 0.0) - 0.5 * (more - other) * given.get("even_at_mm_s", 0.0) * MM
+            return {"viscous": (plus + more, minus + other), "load": load}
         case "cogging" | "position_dependent_backlash":
             return _of_place(name, given, found)
     key, unit, ours = {

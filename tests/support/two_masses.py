@@ -79,6 +79,7 @@ def friction_of(axis, factor: float = 1.0) -> tuple[float, ...]:
         if effect.name == "friction_asymmetry":
             plus += damping(given, "plus_n_s_per_mm", "plus_following_error_s")
             minus += damping(given, "minus_n_s_per_mm", "minus_following_error_s")
+            load -= 0.5 * (plus - minus) * 1e-3 * given.get("even_at_mm_s", 0.0)
         if effect.name == "load_offset":
             load += size(given, "")
     return (factor * dry, factor * dry, factor * static, speed, factor * plus, factor * minus, load)

@@ -171,6 +171,8 @@ def asymmetry(evidence: Evidence) -> Iterator[str]:
         numbers,
         not similar_sizes(found[0], found[1]),
     )
+    if "even_at" in evidence.values:
+        yield f"both ways are braked alike at {velocity(evidence.values['even_at'])}: the constant load is that there"
 
 
 def load(evidence: Evidence) -> Iterator[str]:

@@ -85,6 +85,8 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
         Plants of the file and of a fit to the numbers that those base values have taken in it.
     excludes : tuple of str
         Names beside which its numbers mean nothing, as both do the same.
+    beside : tuple of str
+        Names one of which has to be there already; then it stands for the others of its name.
     """
 
     name: str
@@ -98,6 +100,7 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
     replaces: tuple[str, ...] = ()
     taken: Callable[[Plant, Plant], Sequence[Numbers]] = nothing_taken
     excludes: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:

@@ -77,6 +77,9 @@ MOST_FORCE: Final = 5e-3
 MOST_LAG: Final = 0.05
 """Largest viscous coefficient tried [s]."""
 
+MOVES: Final = 1e-3
+"""Part of the largest speed above which an axis moves."""
+
 FASTEST: Final = 0.05
 """Speed over which static friction has died out on any machine's ways [m/s]."""
 
@@ -133,11 +136,14 @@ VISCOUS = effect_hypothesis(
 )
 
 
-def _asymmetry(plant: Plant, numbers: Numbers) -> Plant:
-    """Keep what is left of c positive, whatever is tried; of a cascade that is the part of its loops, too."""
+def _asymmetry(plant: Plant, numbers: Numbers, even_at: float = 0.0) -> Plant:
+    """Keep what is left of c positive, whatever is tried; of a cascade that is the part of its loops, too.
+
+    `even_at` [m/s] is the speed at which both directions are braked alike.
+    """
     least = -0.9 * (plant.c if plant.cascade is None else plant.c + 1.0 / plant.cascade.position_gain)
     plus, minus = (max(number, least) for number in numbers)
-    return find_effect("friction_asymmetry").apply(plant, {"plus": plus, "minus": minus})
+    return find_effect("friction_asymmetry").apply(plant, {"plus": plus, "minus": minus, "even_at": even_at})
 
 
 def _by_direction(_problem: AxisProblem, numbers: Numbers) -> dict[str, float]:
@@ -169,6 +175,26 @@ DIFFERENCE = replace(
     values=lambda problem, n: _by_direction(problem, (0.5 * n[0], -0.5 * n[0])),
     excludes=(),
 )
+
+
+def _beside_a_load(problem: AxisProblem) -> Hypothesis:
+    """Return friction that differs by direction where a load is there: even at the mean speed of the log.
+
+    A constant force is the mean of what differs. Even at rest, the difference would take the load's place; even at the
+    mean speed it says how the force changes from there, and the load stays what it is.
+    """
+    speed = np.abs(problem.speed[problem.counted])
+    moving = speed[speed > MOVES * np.max(speed, initial=0.0)]
+    even_at = float(np.mean(moving)) if moving.size else 0.0
+    return replace(
+        DIFFERENCE,
+        variant="beside a load",
+        apply=lambda plant, n: _asymmetry(plant, (0.5 * n[0], -0.5 * n[0]), even_at),
+        values=lambda problem, n: {**DIFFERENCE.values(problem, n), "even_at": even_at},
+        within=("friction_asymmetry",),
+        excludes=("friction_asymmetry",),
+        beside=("load_offset",),
+    )
 
 
 def _needs_effort(problem: AxisProblem) -> str:
@@ -230,4 +256,5 @@ CUTTING_NEARLY_VISCOUS = effect_hypothesis(
 def force_hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:
     """Hypotheses about forces on one axis."""
     cogs = wave_hypothesis("cogging", "force", MOST_FORCE, longest_period(problem), force_periods, _no_friction)
-    return (COULOMB, STRIBECK, VISCOUS, DIFFERENCE, ASYMMETRY, LOAD, cogs, CUTTING, CUTTING_BY_FEED)
+    differs = (DIFFERENCE, ASYMMETRY, _beside_a_load(problem))
+    return (COULOMB, STRIBECK, VISCOUS, *differs, LOAD, cogs, CUTTING, CUTTING_BY_FEED)

@@ -4,14 +4,26 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import FRICTION, N_S_PER_MM, SECOND, Effect, EffectFault, Parameter, Values
+from ph_post.drive.effects.base import (
+    FRICTION,
+    MM_PER_S,
+    N_S_PER_MM,
+    NOT_NEGATIVE,
+    SECOND,
+    Effect,
+    EffectFault,
+    Parameter,
+    Values,
+)
 from ph_post.drive.plant import Plant
 from ph_post.types import Axis
 
 
 def _apply(plant: Plant, values: Values) -> Plant:
+    # What differs at the speed at which it is even is the same force both ways: a load of as much less.
     return replace(
         plant,
+        load=plant.load - 0.5 * (values["plus"] - values["minus"]) * values["even_at"],
         viscous_plus=plant.viscous_plus + values["plus"],
         viscous_minus=plant.viscous_minus + values["minus"],
     )
@@ -60,6 +72,14 @@ EFFECT = Effect(
             gives="minus",
             unit=SECOND,
             meaning="following error over speed, which adds to c",
+        ),
+        Parameter(
+            name="even_at_mm_s",
+            gives="even_at",
+            unit=MM_PER_S,
+            bounds=NOT_NEGATIVE,
+            default=0.0,
+            meaning="speed at which both directions are braked alike: a load_offset is the load there",
         ),
     ),
     apply=_apply,

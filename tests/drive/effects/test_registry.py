@@ -129,6 +129,12 @@ def test_what_has_a_sign():
             {"plus_n_s_per_mm": 0.5, "minus_following_error_s": -1e-3},
             {"viscous_plus": 1e-3, "viscous_minus": -1e-3},
         ),
+        # Even at 50 mm/s: half of the difference, 1e-3 s, times that.
+        (
+            "friction_asymmetry",
+            {"plus_following_error_s": 1e-3, "minus_following_error_s": -1e-3, "even_at_mm_s": 50},
+            {"viscous_plus": 1e-3, "viscous_minus": -1e-3, "load": -5e-5},
+        ),
         ("load_offset", {"force_n": -150}, {"load": -3e-4}),
         ("load_offset", {"following_error_mm": 0.3}, {"load": 3e-4}),
         (
