@@ -110,6 +110,15 @@ FRICTIONS: Final = (4e-6, 3e-5)
 IDLE_INTEGRAL: Final = 10.0
 """T_n [s] from which on a velocity loop is one without an integrator: a thousand times what drives have."""
 
+FED: Final = 0.02
+"""Part of the speed that is not fed forward, up to which K_v and 1/T_n may be in each other's place."""
+
+TWINS: Final = 0.1
+"""Part by which these are apart that it makes a difference."""
+
+ALIKE: Final = 1.1
+"""Times what a cascade leaves that one with K_v and 1/T_n in each other's place leaves at most to move like it."""
+
 NOTED: Final = 0.02
 """Part of a feed-forward from which on it is said that the dead time may make up for it."""
 
@@ -123,6 +132,33 @@ class CascadeFit(NamedTuple):
     fit: DriveFit
     verdict: BacklashVerdict
     held_out: float
+
+
+def _exchanged(plant: Plant) -> Plant | None:
+    """Return a cascade with K_v and 1/T_n in each other's place; None where it moves otherwise, or as good as the same.
+
+    Where all of the speed is fed forward the velocity loop gets ω_v (s + K_v) (s + 1/T_n) / s of the following error:
+    which of both is which no log shows. Of what is not fed forward the part is as much larger as K_v is, and so is b.
+    """
+    assert plant.cascade is not None
+    gain, rate, short = (
+        plant.cascade.position_gain,
+        plant.cascade.integral_rate,
+        1.0 - plant.cascade.velocity_feedforward,
+    )
+    if rate <= 0.0 or abs(short) > FED or abs(math.log(rate / gain)) < TWINS:
+        return None
+    twin = with_base_value(with_base_value(plant, "position_gain", rate), "integral_rate", gain)
+    twin = with_base_value(twin, "velocity_feedforward", 1.0 - short * rate / gain)
+    size = twin.b / plant.b
+    return replace(twin, coulomb_plus=size * plant.coulomb_plus, coulomb_minus=size * plant.coulomb_minus)
+
+
+def _likelier(problem: AxisProblem, plants: Sequence[Plant]) -> Plant:
+    """Return the cascade whose K_v is nearer to the file's, or else smaller: the outer loop is the slower one."""
+    if problem.plant.cascade is None:
+        return min(plants, key=_gain_of)
+    return min(plants, key=lambda one: abs(math.log(_gain_of(one) / _gain_of(problem.plant))))
 
 
 def finest_noise(problem: AxisProblem) -> float:
@@ -219,7 +255,15 @@ def roughly_fitted(problem: AxisProblem, gap: float, off: float) -> Plant | None
     size = FRICTIONS[0]
     tried = [replace(one, gap=gap, coulomb_plus=size, coulomb_minus=size) for one in _tried(problem)[1:]]
     best = _best_of_two(problem, tried, ("friction",), off, ROUGH * problem.noise_floor)
-    return best.plant if best is not None and _settles(best.plant) else None
+    if best is None or not _settles(best.plant):
+        return None
+    twin = _exchanged(best.plant)
+    if twin is None or _likelier(problem, (best.plant, twin)) is best.plant or not _settles(twin):
+        return best.plant
+    less = position_rms(problem, residuals(problem, twin), problem.fit) <= ALIKE * position_rms(
+        problem, best.left, problem.fit
+    )
+    return twin if less else best.plant
 
 
 def _left_beside(found: DriveFit, other: Plant) -> float:
@@ -359,6 +403,7 @@ def cascaded_axis(
     problem: AxisProblem, found: CascadeFit, from_file: bool, notes: Sequence[str]
 ) -> tuple[IdentifiedDrive, Axis]:
     """Fit a cascade to all samples, and return its estimates and the axis with them, rounded as they are written."""
+    found, twin = _likelier_fit(problem, found)
     counted = with_all_samples(problem)
     names = found.fit.names
     best = tangent(counted, fit_drive(counted, found.fit.plant, names).plant, names)
@@ -372,7 +417,7 @@ def cascaded_axis(
     if "friction" in names:
         left = residuals(counted, replace(best.plant, coulomb_plus=0.0, coulomb_minus=0.0))
     rms = position_rms(counted, left, counted.counted)
-    said = [*notes, *_remarks(problem, found, best, errors)]
+    said = [*notes, *_remarks(problem, found, best, errors), *twin]
     if rms > CLEAN * problem.noise_floor:
         said.append(
             f"the free run misses the readings by {rms / MICROMETRE:.3g} µm rms, their noise is "
@@ -394,6 +439,24 @@ def cascaded_axis(
         notes=tuple(said),
     )
     return drive, axis
+
+
+def _likelier_fit(problem: AxisProblem, found: CascadeFit) -> tuple[CascadeFit, tuple[str, ...]]:
+    """Return a fit, or where K_v and 1/T_n may be in each other's place the likelier one, and what is said of that."""
+    twin = _exchanged(found.fit.plant)
+    if twin is None:
+        return found, ()
+    other = fit_drive(problem, twin, found.fit.names, rounds=2)
+    held_out = position_rms(problem, other.left, problem.held)
+    apart = abs(math.log(_gain_of(other.plant) / _gain_of(found.fit.plant)))
+    if held_out > ALIKE * found.held_out or apart < TWINS or not _settles(other.plant):
+        return found, ()
+    left = other.plant
+    if _likelier(problem, (found.fit.plant, other.plant)) is other.plant:
+        left, verdict = found.fit.plant, found.verdict
+        found = CascadeFit(other, verdict if verdict.fit is None else verdict._replace(fit=other), held_out)
+    said = f"K_v = {_gain_of(left):.3g} 1/s with T_n = {1.0 / MS / base_value(left, 'integral_rate'):.3g} ms"
+    return found, (f"{said} moves alike: where all of the speed is fed forward no log tells K_v from 1/T_n",)
 
 
 def _remarks(problem: AxisProblem, found: CascadeFit, best: DriveFit, errors: Mapping[str, float]) -> Iterator[str]:

@@ -19,7 +19,7 @@ from ph_post.simulate.machine import AxisCommand, run_plant
 from ph_post.types import AxisLog, Gap, Log, Machine
 from ph_post.types.diagnosis import Diagnosis
 from tests.support.cascade_plant import DRIVES, PERIOD, Drive, motor_of, play, to_and_fro, two_bodies
-from tests.support.cascade_records import NOISE, log_of, machine_of, moves, record
+from tests.support.cascade_records import ALIKE, NOISE, log_of, machine_of, moves, record, solved
 from tests.support.plants.axis import Hidden
 from tests.support.plants.axis import Plant as PlantOfTests
 from tests.support.plants.loops import follow
@@ -116,6 +116,19 @@ def test_where_noise_alone_is_not_left_beside_another_servo_nothing_is_named_but
     assert named(found) == {"backlash": pytest.approx(0.020, rel=0.02)}
     assert "K_v is about 4" in found.notes[0]
     assert "run ph-post identify on this log without a file first" in found.notes[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kv", "tn"), ALIKE)
+def test_another_servo_is_the_one_near_the_file_of_two_that_move_alike(kv: float, tn: float) -> None:
+    """Of a file that has ω_v = 56 1/s for 140 K_v = 36.84 ± 0.01 was said, where the file and the drive have 18.9."""
+    log = solved(Drive(kv=kv, wv=140.0, tn=tn, velocity=1.0), 2e-5)
+    found = diagnose(log, machine_of(Drive(kv=kv, wv=56.0, tn=tn, velocity=1.0), 2e-5))
+    assert [one.name for one in found.findings] == ["servo_mismatch"]
+    numbers = found.findings[0].parameters
+    assert numbers["velocity_gain"].value == pytest.approx(140.0, rel=0.01)
+    assert numbers["position_gain"].value == pytest.approx(kv, rel=0.01)
+    assert numbers["velocity_integral_time"].value == pytest.approx(1e3 * tn, rel=0.01)
 
 
 OTHERS: list[tuple[Callable[[], Log], dict[str, float]]] = [

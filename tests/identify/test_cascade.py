@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from ph_post.identify.free_run import problem_of
 from ph_post.identify.identify import identify
 from ph_post.identify.log_quality import examine
 from ph_post.types.diagnosis import Estimate
-from tests.support.cascade_records import NOISE, WAYS, log_of, machine_of, moves, record
+from tests.support.cascade_records import ALIKE, NOISE, WAYS, log_of, machine_of, moves, record, solved
 from tests.support.identifying import Recorder, to_and_fro
 from tests.support.plants.axis import Plant
 from tests.support.plants.score import left_by_identify
@@ -136,6 +137,38 @@ def test_a_file_with_a_cascade() -> None:
     assert axis.servo.cascade.position_gain == pytest.approx(40.0, rel=0.01)
     assert axis.servo.cascade.velocity_feedforward == pytest.approx(0.7, abs=0.002)
     assert axis.gap.lost_motion == 3e-5
+
+
+@pytest.mark.parametrize("true", [0, 1])
+@pytest.mark.parametrize("filed", [None, 0, 1])
+@pytest.mark.thinned(2)
+def test_a_gain_that_no_log_tells_from_the_integrator_is_the_files_or_the_smaller_one(
+    true: int, filed: int | None
+) -> None:
+    """The velocity loop gets ω_v (s + K_v) (s + 1/T_n) / s of the following error: 36.8 ± 0.2 was said for 18.9."""
+    kv, tn = ALIKE[true]
+    log, near = solved(Drive(kv=kv, wv=140.0, tn=tn, velocity=1.0), 2e-5), None
+    if filed is not None:
+        near = machine_of(Drive(kv=1.1 * ALIKE[filed][0], wv=130.0, tn=0.9 * ALIKE[filed][1], velocity=1.0))
+    shown = identify(log, near, feedback=None if near else {"X": "motor"}).drives["X"]
+    (kv, tn), (other, slower) = ALIKE[filed or 0], ALIKE[1 - (filed or 0)]
+    assert shown.parameters["position_gain"].value == pytest.approx(kv, rel=0.02)
+    assert shown.parameters["velocity_integral_time"].value == pytest.approx(1e3 * tn, rel=0.02)
+    words = next(one for one in shown.notes if "tells K_v from 1/T_n" in one)
+    said = re.match(r"K_v = ([0-9.]+) 1/s with T_n = ([0-9.]+) ms", words)
+    assert said is not None
+    assert float(said[1]) == pytest.approx(other, rel=0.02)
+    assert float(said[2]) == pytest.approx(1e3 * slower, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_gain_is_told_from_the_integrator_by_what_is_not_fed_forward() -> None:
+    for kv, tn in ALIKE:
+        shown = identify(solved(Drive(kv=kv, wv=140.0, tn=tn, velocity=0.95), 2e-5), feedback={"X": "motor"}).drives[
+            "X"
+        ]
+        assert shown.parameters["position_gain"].value == pytest.approx(kv, rel=0.02)
+        assert not any("tells K_v" in one for one in shown.notes)
 
 
 @pytest.mark.slow

@@ -8,6 +8,9 @@ import numpy as np
 
 from ph_post.types import Array, Axis, AxisLog, Gap, Limits, Log, Machine, Servo
 from tests.support.cascade_plant import PERIOD, Drive, motor_of, play
+from tests.support.plants.axis import Plant
+from tests.support.plants.courses import draw_course
+from tests.support.plants.readings import Observer
 
 NOISE = 1e-7
 WAYS = ((0.02, 0.5), (0.03, 0.8), (0.004, 0.15), (0.01, 0.25), (0.002, 0.12))
@@ -56,6 +59,18 @@ def record(
     motor = motor_of(drive, averaged(command, average) if average else command, coulomb, fine=40)
     read = {"motor": motor, "act": play(motor, gap)}
     return log_of(command, {name: read[name] for name in channels.split()}, seed)
+
+
+ALIKE = ((18.9, 27.17e-3), (36.8, 52.91e-3))
+"""K_v and T_n of two cascades that move alike where all of the speed is fed forward: 1/18.9 s are 52.91 ms."""
+
+
+def solved(drive: Drive, gap: float) -> Log:
+    """Record a motor loop that is solved from event to event, on both sides."""
+    plant = Plant("motor", 1.0 / (drive.kv * drive.wv), 1.0 / drive.kv, gap, drive=drive)
+    observer = Observer(draw_course(np.random.default_rng(5), False))
+    readings, command = observer([plant]), observer.command([plant])[0]
+    return log_of(command, {name: readings[f"X_{name}"] for name in ("motor", "act")}, 1)
 
 
 def machine_of(drive: Drive, gap: float = 0.0, **more: Any) -> Machine:
