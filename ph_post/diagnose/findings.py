@@ -14,7 +14,7 @@ from ph_post.diagnose.consistency import MOST, disagreement, sides_factor, sizes
 from ph_post.diagnose.fit import FittedModel, ModelPart, covariance, fit_model, plant_at
 from ph_post.diagnose.hypotheses import OF_THE_AXIS
 from ph_post.diagnose.hypotheses.drives import BACKLASH
-from ph_post.diagnose.search import with_noise
+from ph_post.diagnose.search import has_structure, with_noise
 from ph_post.diagnose.selection import (
     TIMING,
     ModelChoice,
@@ -71,6 +71,9 @@ SEPARATE: Final = 1.0
 """Standard errors by which some number of a name differs from nothing at least, or from what the file says."""
 
 
+AT_END: Final = 0.01
+"""Parts of a number's scale within which it has come to its end."""
+
 EARLY: Final = 0.2
 """Part of a single loop's c by which a log that it misses is early where its speed is fed forward."""
 
@@ -120,7 +123,9 @@ def fit_chosen_model(choice: ModelChoice, early: float = 0.0) -> AxisDiagnosis:
         choice = replace(choice, stages=choice.stages[:1], standings=())
         fitted = fit_model(choice.problem, choice.fitted.model, choice.problem.counted)
     between = gap_between(choice.problem) if _misses(choice.problem, fitted) else None
-    while (off := _not_separate(choice, fitted) or _doubtful(choice, fitted, between)) is not None:
+    while (
+        off := _not_separate(choice, fitted) or _at_an_end(choice.problem, fitted) or _doubtful(choice, fitted, between)
+    ) is not None:
         number, words = off
         name = fitted.model.parts[number].hypothesis.name
         dropped.append(DroppedName(name=name, axis=choice.problem.axis.name, why=words))
@@ -175,6 +180,17 @@ def _not_separate(choice: ModelChoice, fitted: FittedModel) -> tuple[int, str] |
         if all(abs(one.values[key] - nothing.get(key, 0.0)) < SEPARATE * one.errors[key] for key in _size_keys(one)):
             said = "its numbers differ from the file's" if name == "servo_mismatch" else "its size differs from nothing"
             return number, f"{said} by less than the standard error"
+    return None
+
+
+def _at_an_end(problem: AxisProblem, fitted: FittedModel) -> tuple[int, str] | None:
+    """Return a part one of whose numbers has come to its end, and why, where more than noise is left."""
+    if not has_structure(problem, fitted):
+        return None
+    for number, part in enumerate(fitted.model.parts):
+        for size, one in zip(part.numbers, part.hypothesis.numbers, strict=True):
+            if one.ends and size > one.high - AT_END * one.scale:
+                return number, f"its {one.name} has come to {one.high:g}, the most it has, and more than noise is left"
     return None
 
 

@@ -340,7 +340,18 @@ def _try_all(problem: AxisProblem, ground: FittedModel, only: set[str] | None) -
     tried = _race(base, [one for one in close if not one[0].within])
     # What contains another is only worth its time where the other leaves something.
     enough = {hypothesis.name for hypothesis, fitted in tried if not has_structure(problem, fitted)}
-    return tried + _race(base, [one for one in close if one[0].within and enough.isdisjoint(one[0].within)])
+    tried += _race(base, [one for one in close if one[0].within and enough.isdisjoint(one[0].within)])
+    return [one for one in tried if _means_its_name(problem, one[1])]
+
+
+def _means_its_name(problem: AxisProblem, fitted: FittedModel) -> bool:
+    """Return whether what the name of the last part says is worth its price on held-out samples."""
+    part = fitted.model.parts[-1]
+    if part.hypothesis.bare is None:
+        return True
+    bare = residuals_of(problem, _with_numbers(fitted.model, part.hypothesis.bare(part.numbers)))
+    gain = log_likelihood(problem, fitted.left, problem.held) - log_likelihood(problem, bare, problem.held)
+    return gain > PRICE * correlation_inflation(problem, fitted.left, problem.held)
 
 
 def _race(

@@ -131,6 +131,20 @@ def test_what_no_name_explains_is_unknown_and_adds_nothing(name: str, seed: int)
 
 
 @pytest.mark.slow
+def test_a_force_that_grows_faster_than_any_cutting_force_is_unknown() -> None:
+    """Air drag goes by the square of the speed: two cutting forces, of exponent 1.1 and 0, were named for it."""
+    result = diagnosed("outside", ["air_drag"], "act+force", "cascade", 13010)
+    assert result["verdict"] == "unknown"
+    assert not result["findings"]
+
+
+@pytest.mark.slow
+def test_a_gain_that_is_off_is_no_friction_that_differs_by_direction() -> None:
+    """Friction of two numbers by direction, alike both ways, was cheaper than the five numbers of a servo."""
+    is_named_and_sized("servo_mismatch", "act", "cascade", 13200)
+
+
+@pytest.mark.slow
 def test_an_origin_is_freed_where_a_held_one_leaves_more_of_the_positions() -> None:
     """The force leaves more than the noise of its rest either way; the motor 13 µm rms with the origin held."""
     is_named_and_sized("command_filter", "motor+force", "cascade-load", 8018)

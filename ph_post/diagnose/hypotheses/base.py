@@ -32,7 +32,7 @@ class HypothesisNumber(msgspec.Struct, frozen=True, kw_only=True):
     """One number of a hypothesis: its bounds, its natural `scale`, and whether the reading is linear in it.
 
     `linear` numbers start at what a straight fit to the residual gives; of a `logarithm` only the scale counts
-    how far a slope reaches, not its size.
+    how far a slope reaches, not its size. What would be beyond `high` of a number that `ends` there is another effect.
     """
 
     name: str
@@ -41,6 +41,7 @@ class HypothesisNumber(msgspec.Struct, frozen=True, kw_only=True):
     scale: float
     linear: bool = False
     logarithm: bool = False
+    ends: bool = False
 
 
 class LogReason(str):
@@ -85,6 +86,8 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
         Plants of the file and of a fit to the numbers that those base values have taken in it.
     excludes : tuple of str
         Names beside which its numbers mean nothing, as both do the same.
+    bare : callable, optional
+        Numbers to those of what its name does not say, which have to explain less.
     beside : tuple of str
         Names one of which has to be there already; then it stands for the others of its name.
     """
@@ -100,6 +103,7 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
     replaces: tuple[str, ...] = ()
     taken: Callable[[Plant, Plant], Sequence[Numbers]] = nothing_taken
     excludes: tuple[str, ...] = ()
+    bare: Callable[[Numbers], Numbers] | None = None
     beside: tuple[str, ...] = ()
 
     @property

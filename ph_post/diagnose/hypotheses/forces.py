@@ -162,6 +162,7 @@ ASYMMETRY = Hypothesis(
     values=_by_direction,
     bars=_no_friction,
     within=("viscous_friction", "load_offset"),
+    bare=lambda n: (0.5 * (n[0] + n[1]),) * 2,
     excludes=("viscous_friction", "servo_mismatch", "friction_asymmetry"),
 )
 
@@ -173,6 +174,7 @@ DIFFERENCE = replace(
     apply=lambda plant, n: _asymmetry(plant, (0.5 * n[0], -0.5 * n[0])),
     starts=lambda _problem, _left: [(1e-4,)],
     values=lambda problem, n: _by_direction(problem, (0.5 * n[0], -0.5 * n[0])),
+    bare=None,
     excludes=(),
 )
 
@@ -234,8 +236,9 @@ CUTTING = effect_hypothesis(
 CUTTING_BY_FEED = replace(
     CUTTING,
     variant="by feed",
+    excludes=("cutting_force",),
     within=("viscous_friction",),
-    numbers=(*CUTTING.numbers, HypothesisNumber(name="exponent", low=0.05, high=1.1, scale=0.1)),
+    numbers=(*CUTTING.numbers, HypothesisNumber(name="exponent", low=0.05, high=1.1, scale=0.1, ends=True)),
     starts=lambda _problem, _left: [(GUESS, 0.7)],
 )
 
