@@ -12,20 +12,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Final
 
 import msgspec
 import numpy as np
 
+from ph_post.drive.cascade import offset_of_force
 from ph_post.drive.effects.active import plant_of
 from ph_post.drive.plant import friction_brakes
-from ph_post.types import Array, Axis, FrictionChange, Machine, Scenario
+from ph_post.types import Array, Axis, Cascade, FrictionChange, Machine, Scenario
 
 PART: Final = 0.9
 """Part of an axis' limits that a change of the friction's share takes at most: the axis rests meanwhile, or nearly."""
 
 BESIDE: Final = 0.3
 """The same where the command crosses the backlash at the same time, behind the loop, with most of the limits."""
+
+TRIES: Final = 6
+"""Times that a step is lengthened at most."""
+
+STARTS: Final = np.array([0.0, 0.25, 0.5, 0.75])
+"""Parts of a period at which it may begin behind a row."""
+
+AROUND: Final = 10.0
+"""Periods before and behind a step in which the command is looked at."""
 
 PEAKS: Final = (2.0, 8.0, 32.0)
 """Largest first, second and third derivative of :func:`step`."""
@@ -210,7 +221,30 @@ def shortest_step(axis: Axis, size: float, period: float) -> float:
         (abs(size) * peak / (part * bound)) ** (1.0 / order)
         for order, (peak, bound) in enumerate(zip(PEAKS, limits, strict=True), start=1)
     ]
-    return float(max(4.0 * period, *least))
+    duration = float(max(4.0 * period, *least))
+    if axis.servo.cascade is None or size == 0.0:
+        return duration
+    return _led(axis.servo.cascade, tuple(part * bound for bound in limits), abs(size), duration, period)
+
+
+@lru_cache(maxsize=1024)
+def _led(cascade: Cascade, limits: tuple[float, ...], size: float, duration: float, period: float) -> float:
+    """Lengthen a step of a share to what the command of a cascade keeps limits of velocity, acceleration and jerk with.
+
+    It has more than the share: what the current loop and filters of the command would take of it.
+    """
+    early = cascade.dead_time + cascade.moving_average + cascade.exponential
+    for _ in range(TRIES):
+        t = np.arange(-early - AROUND * period, duration + AROUND * period, period)
+        commands = [offset_of_force(cascade, size * step((t - late) / duration), period) for late in STARTS * period]
+        used = max(
+            (float(np.max(np.abs(np.diff(commands, order)))) / period**order / bound) ** (1.0 / order)
+            for order, bound in enumerate(limits, start=1)
+        )
+        if used <= 1.0:
+            break
+        duration *= used
+    return duration
 
 
 def crossing_time(axis: Axis, size: float) -> float:
