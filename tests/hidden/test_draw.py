@@ -32,6 +32,16 @@ def test_an_effect_shows_and_is_named_nowhere(name: str) -> None:
     assert not [other for other in (*LEADING, *OUTSIDE) if other in text]
 
 
+@pytest.mark.parametrize("seed", [13200, 13201])
+@pytest.mark.thinned(2)
+def test_a_gain_that_is_off_hides_no_friction_beside_it(seed: int) -> None:
+    """What brakes an axis is η b β of the whole, whatever its gains: else two effects are hidden, and found."""
+    case = draw_case(["servo_mismatch"], EVERY, "cascade-load", seed)
+    for plant in case.plants:
+        assert plant.drive is not None
+        assert plant.c - 1.0 / plant.drive.kv == pytest.approx(plant.eta * plant.beta * plant.b, rel=1e-9)
+
+
 def test_the_noise_is_what_the_case_says() -> None:
     """In the rest at the beginning nothing moves, so that all that is left is the sensor."""
     case = draw_case([], EVERY, "motor", 5)

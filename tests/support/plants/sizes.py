@@ -135,10 +135,9 @@ def _gain_off(rng: np.random.Generator, of: Setting) -> Change:
             there = drive.velocity + off if up or drive.velocity < off else drive.velocity - off
             return replace(plant, drive=replace(drive, velocity=there))
         times = 1.0 + way * float(np.clip(share, 0.08, 0.45))
-        if which == "wv":
-            return replace(plant, b=plant.b / times, drive=replace(drive, wv=drive.wv * times))
-        own = plant.c - 1.0 / drive.kv
-        quicker = replace(drive, kv=drive.kv * times)
+        # What brakes the axis itself stays the same force: in following errors it is less as K is more.
+        own = (plant.c - 1.0 / drive.kv) / times
+        quicker = replace(drive, **{which: getattr(drive, which) * times})
         return replace(plant, b=plant.b / times, c=own + 1.0 / quicker.kv, drive=quicker)
 
     return change
