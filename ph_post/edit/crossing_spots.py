@@ -377,7 +377,7 @@ class SpotSearch:
             slope=np.minimum(2.0 * deep / np.maximum(ramps, FINEST), 1.0),
             passed=np.where(spots.rows[:, SHARE] == 1.0, self._costs.at_corners(spots), spots.feed),
             feed=spots.feed,
-            push=ground.push[spots.rows[:, MOTION].astype(np.int64)],
+            push=ground.push(spots.rows[:, MOTION].astype(np.int64)),
             lost=self._lost_and_push(spots.column)[0],
         )
         return windows_burn_little(windows)
