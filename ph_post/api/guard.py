@@ -140,7 +140,9 @@ def _exceeds(errors: Array, most: Array) -> BoolArray:
 def _worse_places(after: ProgramMotion, one: Array, other: Array, worse: frozenset[int]) -> tuple[tuple[int, int], ...]:
     """Return the motions, first and last, in which sections are worse whose largest errors alone have grown."""
     rest = np.asarray(_exceeds(other, one)[:, 1:].any(axis=1))
-    alone = [n for n in worse if not rest[n] and other[n, 0] > WORSE * one[n, 0] + SMALL]
+    # One that is blamed for the whole program is worse than that.
+    most = np.where(other[:, 0] > WORSE * one[:, 0] + SMALL, WORSE * one[:, 0] + SMALL, WORSE * one[-1, 0] + LEAST)
+    alone = [n for n in worse if not rest[n] and other[n, 0] > most[n]]
     if not alone:
         return ()
     cut = after.cut
@@ -151,7 +153,7 @@ def _worse_places(after: ProgramMotion, one: Array, other: Array, worse: frozens
         run_scenarios(cut.counted_distances, [one for one in cut.scenarios() if is_nominal(one)]),
         axis=0,
     )
-    found = np.unique(motion[np.isin(section, alone) & (apart > WORSE * one[section, 0] + SMALL)])
+    found = np.unique(motion[np.isin(section, alone) & (apart > most[section])])
     runs = np.split(found, np.flatnonzero(np.diff(found) > 1) + 1)
     return tuple((int(run[0]), int(run[-1])) for run in runs if run.size)
 

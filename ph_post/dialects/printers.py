@@ -43,15 +43,15 @@ _READ: Final = frozenset((b"G0", b"G1", b"G2", b"G3", b"G4", b"G20", b"G21", b"G
 _STOPS: Final = frozenset((b"M0", b"M1", b"M3", b"M4", b"M5", b"M7", b"M8", b"M9"))
 
 STILL: Final = frozenset(
-    b"M17 M20 M21 M27 M31 M42 M73 M75 M76 M77 M78 M82 M83 M101 M102 M103 M104 M105 M106 M107 M108 M109 M110 M111 M113"
-    b" M114 M115 M117 M118 M119 M122 M123 M126 M127 M128 M129 M140 M141 M145 M150 M154 M155 M190 M191 M201 M203 M204"
-    b" M205 M207 M208 M221 M250 M256 M280 M300 M301 M302 M304 M355 M380 M381 M400 M412 M413 M425 M486 M500 M501 M503"
-    b" M555 M569 M572 M592 M593 M900 M906 M907 M911 M912".split()
+    b"M17 M20 M21 M27 M31 M42 M73 M75 M76 M77 M78 M82 M83 M101 M102 M103 M104 M105 M106 M107 M108 M109 M110 M111"
+    b" M113 M114 M115 M116 M117 M118 M119 M122 M123 M126 M127 M128 M129 M140 M141 M145 M150 M154 M155 M190 M191 M201"
+    b" M203 M204 M205 M207 M208 M221 M250 M256 M280 M300 M301 M302 M304 M355 M380 M381 M400 M412 M413 M425 M486 M500"
+    b" M501 M503 M555 M568 M569 M572 M592 M593 M900 M906 M907 M911 M912".split()
 )
 """Commands that neither move nor change where coordinates are or at which feed they are gone to:
 temperatures, fans, limits, messages, progress, the extruder's own settings, objects' names, drivers' currents. M101
 to M103 switch the motor of an old extruder, which ran at a speed of its own (RepRap wiki, "G-code"); others do not
-know them."""
+know them. M116 waits for temperatures, and M568 sets a tool's (Duet3D)."""
 
 _QUIET: Final = STILL | frozenset(b"M862.%d" % check for check in range(1, 7))
 """With Prusa's checks of the printer, nozzle and firmware (Prusa-Firmware-Buddy, "M862")."""
@@ -151,6 +151,7 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
     if word not in _READ:
         return _marked(code, b"$@")
     plain = _EXTRUDED.sub(lambda one: b" " * len(one[0]), rest)
+    plain = _NO_FEED.sub(lambda one: b" " * len(one[0]), plain)
     if word in (b"G2", b"G3"):
         plain = _NO_CENTRE.sub(lambda one: b" " * len(one[0]), plain)
     foreign = word in (b"G2", b"G3") and _letters(plain) - set(arcs)
@@ -160,6 +161,9 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
 _NO_CENTRE: Final = re.compile(rb"[Kk][ \t]*[-+]?0*\.?0*(?![\d.])[ \t]*")
 """A distance of an arc's centre across its plane that is nothing, as FreeCAD writes it: whatever the plane, none
 is taken where it is not told."""
+
+_NO_FEED: Final = re.compile(rb"[Ff][ \t]*\+?(?:0+\.?0*|\.0+)(?![\d.])")
+"""A feed of 0, which Marlin passes over (gcode.cpp, get_destination_from_command); Klipper ends the program there."""
 
 _WHOLE_SPEED: Final = re.compile(rb"[ \t]*[Ss][ \t]*100(?:\.0*)?[ \t]*")
 
@@ -183,12 +187,13 @@ def _says_nothing(word: bytes, rest: bytes) -> bool:
     """Return True if a command does not concern the path.
 
     G4 that only waits for moves, G92 of the extruder, retraction by the firmware (G10, G11), which moves E and Z and
-    takes both back by itself, M84 of the extruder or after a time, and M220 of all of the speed, as it is anyway.
+    takes both back by itself, the temperatures of a tool (G10 with P, R and S: Duet3D, "G10"), M84 of the extruder or
+    after a time, and M220 of all of the speed, as it is anyway.
     """
     if word == b"G4":
         return not _letters(rest) & set(b"PS")
     if word in (b"G10", b"G11"):
-        return _letters(rest) <= set(b"S")
+        return _letters(rest) <= set(b"PRS")
     if word in _RELEASES:
         # A time after which they are switched off where nothing moves, or the extruder's motor alone.
         return bool(_letters(rest)) and _letters(rest) <= set(b"SE")

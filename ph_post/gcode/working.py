@@ -18,7 +18,7 @@ from ph_post.gcode.program import RAPID, PartProgram
 from ph_post.types import BoolArray, Tool, sealed
 
 _EXTRUDES: Final = re.compile(
-    rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Gg]0*[0-3](?![\d.])[^\r\n;E]*E[ \t]*[-+.\d]", re.MULTILINE | re.IGNORECASE
+    rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Gg]0*[0-3](?![\d.])[^\r\n;E]*E[ \t]*[-+]?[\d.]*[1-9]", re.MULTILINE | re.IGNORECASE
 )
 
 _PEN: Final = re.compile(rb"M0*[345](?![\d.])[^\r\n(;]*[(;][^\r\n)]*\bpen\b", re.IGNORECASE)

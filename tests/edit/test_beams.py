@@ -19,6 +19,7 @@ from msgspec.structs import replace
 from support.editing import Compensated, compensate
 from support.reference_player import BEGINS, Move, distance, interpret, run, tables
 
+from ph_post.dialects.reading import read_as
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.extrusion import filament_of
@@ -415,6 +416,13 @@ def test_what_works_where() -> None:
     assert found.follows.tolist() == [False, False, False, False, False, True]
     assert working_motions(program, "plasma").on.tolist() == [False, True, True, True, False, True]
     assert working_motions(program, "cutter").on.tolist() == [False, True, False, True, True, True]
+
+
+def test_a_move_with_no_filament_is_none_of_an_extruder() -> None:
+    text = "G21\nG91\nG1 X9 E1.5 F300\nG1 X-9 Y1 E0\nG1 X9 E.05\nG1 X-9 Y1 E0.000\nG1 X9 E-0.1\nG1 X1 E10\n"
+    found = working_motions(read_as("marlin", text.encode(), "a.gcode"), None)
+    assert found.tool == "extruder"
+    assert found.on.tolist() == [True, False, True, False, True, True]
 
 
 @pytest.mark.parametrize(
