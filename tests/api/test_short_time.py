@@ -300,6 +300,24 @@ def test_a_section_is_left_no_more_than_about_the_place_where_it_is_worse(tmp_pa
     assert found.rms[1] < 0.5 * found.rms[0]
 
 
+def test_one_place_where_the_whole_program_would_be_worse_is_left_alone(tmp_path: Path) -> None:
+    """A plotter begins in its first line: beside an offset the largest error would grow there by 1.8 %."""
+    places = [(0.0, 0.0), (214.5, 19.13), (209.9, 23.74), (196.1, 41.66), (191.98, 45.53), (187.38, 52.07)]
+    lines = "".join(f"G1 X{x} Y{y} Z0 F300\n" for x, y in places)
+    text = f"G92 X0 Y0 Z0\nG17 G21 G90 G94 G54\n{lines}G1 Z5 F5000\nX0 Y0\nZ0\n"
+    (tmp_path / "cut.nc").write_text(text, encoding="utf-8")
+    made = ph.compensate(tmp_path / "cut.nc", stepper("grbl"))
+    assert isinstance(made, ProgramCompensation)
+    done, every = counts(made)
+    assert done == every == 3
+    assert made.before.error is not None
+    assert made.after.error is not None
+    assert made.after.error.max < 1.01 * made.before.error.max
+    found = judge(Entry("cut", Path("cut.nc"), "grbl", text))
+    assert found.rms is not None
+    assert found.rms[1] < found.rms[0]
+
+
 def test_two_axes_that_rest_on_one_line_do_not_cross_on_all_of_it() -> None:
     """X and Y turn where the tool goes down between two cuts: one of them at each end of its way."""
     text = (
