@@ -353,7 +353,7 @@ class SpotSearch:
             unfit = window[:, 1] - window[:, 0] < NEARLY * shortest
             unfit |= window[:, 2] * crossing < 0.25 * shortest
             slowed = turning & lit & (window[:, 2] < AT_SPEED * spots.feed)
-            if wider >= SLOWER:
+            if wider >= SLOWER and (slowed & constant).any():
                 slowed &= ~constant | ~self._as_slow(spots, window)
             which = np.flatnonzero(slowed | (turning & burns & unfit))
             if number == len(BEAM_COARSER):
