@@ -140,8 +140,9 @@ def _exceeds(errors: Array, most: Array) -> BoolArray:
 def _worse_places(after: ProgramMotion, one: Array, other: Array, worse: frozenset[int]) -> tuple[tuple[int, int], ...]:
     """Return the motions, first and last, in which sections are worse whose largest errors alone have grown."""
     rest = np.asarray(_exceeds(other, one)[:, 1:].any(axis=1))
-    # One that is blamed for the whole program is worse than that.
-    most = np.where(other[:, 0] > WORSE * one[:, 0] + SMALL, WORSE * one[:, 0] + SMALL, WORSE * one[-1, 0] + LEAST)
+    own, whole = WORSE * one[:, 0] + SMALL, WORSE * one[-1, 0] + LEAST
+    # One that is no worse by itself is blamed for the whole program.
+    most = np.where(other[:, 0] > own, own, whole)
     alone = [n for n in worse if not rest[n] and other[n, 0] > most[n]]
     if not alone:
         return ()

@@ -333,6 +333,7 @@ class SpotSearch:
         push = np.array([ground.turning_push(name) for name in AXES])[spots.column]
         which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, wait)
         wanted[ground.lag[spots.column] >= SHORT_LAG] = 0
+        passed = self._passed(spots) if (turning & constant).any() else spots.feed
         for number, wider in enumerate((0.0, *BEAM_COARSER)):
             if which.size:
                 window[which] = find_windows(
@@ -354,20 +355,25 @@ class SpotSearch:
             unfit |= window[:, 2] * crossing < 0.25 * shortest
             slowed = turning & lit & (window[:, 2] < AT_SPEED * spots.feed)
             if wider >= SLOWER and (slowed & constant).any():
-                slowed &= ~constant | ~self._as_slow(spots, window)
+                slowed &= ~constant | ~self._as_slow(spots, window, passed)
             which = np.flatnonzero(slowed | (turning & burns & unfit))
             if number == len(BEAM_COARSER):
                 turning &= ~slowed
         return turning & ~unfit, window
 
-    def _as_slow(self, spots: Spots, window: Array) -> BoolArray:
+    def _passed(self, spots: Spots) -> Array:
+        """Return the speeds at which the original passes corners [m/s], its feed elsewhere, (n,).
+
+        Of a controller that rounds them nothing is said.
+        """
+        exact = isinstance(self._ground.planner, ExactPath)
+        return np.where(exact & (spots.rows[:, SHARE] == 1.0), self._costs.at_corners(spots), spots.feed)
+
+    def _as_slow(self, spots: Spots, window: Array, passed: Array) -> BoolArray:
         """Return in which windows (n, 5) in corners a beam at constant power burns little more than it does anyway.
 
-        An exact path passes these corners slowly, too.
+        The original has the speeds `passed` (n,) [m/s] there.
         """
-        ground = self._ground
-        if not isinstance(ground.planner, ExactPath):
-            return np.zeros(spots.at.size, dtype=np.bool_)
         length = window[:, 1] - window[:, 0]
         deep = np.where(window[:, 4] == BALANCED, 2.0, 1.0) * window[:, 3]
         ramps = length - (spots.rest[:, 1] - spots.rest[:, 0])
@@ -375,9 +381,9 @@ class SpotSearch:
             length=length,
             speed=window[:, 2],
             slope=np.minimum(2.0 * deep / np.maximum(ramps, FINEST), 1.0),
-            passed=np.where(spots.rows[:, SHARE] == 1.0, self._costs.at_corners(spots), spots.feed),
+            passed=passed,
             feed=spots.feed,
-            push=ground.push(spots.rows[:, MOTION].astype(np.int64)),
+            push=self._ground.push(spots.rows[:, MOTION].astype(np.int64)),
             lost=self._lost_and_push(spots.column)[0],
         )
         return windows_burn_little(windows)
