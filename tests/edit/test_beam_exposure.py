@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -141,6 +142,16 @@ def stopped(one: Move, other: Move) -> float:
     return whole
 
 
+def corners(text: str, made: str) -> Iterator[tuple[Move, Move, float, float]]:
+    """Lines before and behind each corner with the beam on, and how long it is burnt before and after [s]."""
+    path, motor, lasts = burnt(text)
+    _, driven, stays = burnt(made)
+    table = np.stack([*(play(driven[:, axis], GAP, 0.0) for axis in (0, 1)), driven[:, 2]], axis=1)
+    for one, other in pairwise(path):
+        if np.array_equal(one.end, other.start):
+            yield one, other, near(one.end, motor, lasts), near(one.end, table, stays)
+
+
 @pytest.mark.parametrize("feed", [30.0, 100.0, 300.0, 800.0, 1500.0, 2400.0])
 @pytest.mark.thinned(4)
 def test_no_corner_is_burnt_much_longer(feed: float) -> None:
@@ -149,17 +160,11 @@ def test_no_corner_is_burnt_much_longer(feed: float) -> None:
         text = contours(seed, feed)
         found = compensate(text.encode(), machine(), dialect="grbl", max_slowdown=0.5)
         left += any("would burn a dot" in one for one in found.edits.warnings)
-        made = found.text.decode()
-        path, motor, lasts = burnt(text)
-        _, driven, stays = burnt(made)
-        table = np.stack([*(play(driven[:, axis], GAP, 0.0) for axis in (0, 1)), driven[:, 2]], axis=1)
-        for one, other in pairwise(path):
-            if np.array_equal(one.end, other.start):
-                before, after = near(one.end, motor, lasts), near(one.end, table, stays)
-                assert after <= LONGER * before
-                assert after - before <= ADDED * stopped(one, other)
-                if feed == 30.0:
-                    assert after < 1.135 * before
+        for one, other, before, after in corners(text, found.text.decode()):
+            assert after <= LONGER * before
+            assert after - before <= ADDED * stopped(one, other)
+            if feed == 30.0:
+                assert after < 1.135 * before
     assert left <= 1
 
 
@@ -170,14 +175,9 @@ def test_outlines_of_facets_are_compensated_whole_and_burnt_little(feed: float) 
         text = facets(seed, feed)
         found = compensate(text.encode(), replace(machine(), tool="laser"), dialect="grbl", max_slowdown=0.5)
         assert not any("would burn a dot" in one for one in found.edits.warnings)
-        path, motor, lasts = burnt(text)
-        _, driven, stays = burnt(found.text.decode())
-        table = np.stack([*(play(driven[:, axis], GAP, 0.0) for axis in (0, 1)), driven[:, 2]], axis=1)
-        for one, other in pairwise(path):
-            if np.array_equal(one.end, other.start):
-                before, after = near(one.end, motor, lasts), near(one.end, table, stays)
-                assert after <= DULL * before
-                assert after - before <= ADDED * stopped(one, other)
+        for one, other, before, after in corners(text, found.text.decode()):
+            assert after <= DULL * before
+            assert after - before <= ADDED * stopped(one, other)
 
 
 @pytest.mark.parametrize("feed", [30.0, 300.0, 2400.0])
@@ -191,13 +191,8 @@ def test_no_corner_is_burnt_much_longer_at_whatever_feed_is_in_force(feed: float
         written = with_edits(program, edits, machine(), "grbl").text.decode()
         assert "F" not in re.sub(r"\(.*", "", written)
         made += len(edits.crossings)
-        path, motor, lasts = burnt(beside + text)
-        _, driven, stays = burnt(beside + written)
-        table = np.stack([*(play(driven[:, axis], GAP, 0.0) for axis in (0, 1)), driven[:, 2]], axis=1)
-        for one, other in pairwise(path):
-            if np.array_equal(one.end, other.start):
-                before, after = near(one.end, motor, lasts), near(one.end, table, stays)
-                assert after <= LONGER * before
+        for _, _, before, after in corners(beside + text, beside + written):
+            assert after <= LONGER * before
     assert made > 4
 
 
