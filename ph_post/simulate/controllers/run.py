@@ -39,7 +39,7 @@ from ph_post.simulate.controllers.legs import DRAINS, FIRST, MOTION, ORIGIN, PAU
 from ph_post.simulate.controllers.moves import bare_legs, limit_table, moves_of, own_moves, stops_before
 from ph_post.simulate.controllers.planner import COLUMNS, KIND, MOST, ROUNDING, plan_legs
 from ph_post.simulate.controllers.planner_cycles import run_legs
-from ph_post.simulate.controllers.unknown import known_ends
+from ph_post.simulate.controllers.unknown import APART, known_ends
 from ph_post.types import Array, Command, ControllerPlanner, ExactPath, IntArray, Machine, RoundedPath, sealed
 
 DRAINED: Final = 4
@@ -272,10 +272,27 @@ def _run(legs: Array, table: Array, period: float, program: PartProgram) -> Rows
     parts = list(_rows(legs, table, period, program))
     position, motion, share = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     parts.clear()  # as large as all else here
-    behind = SMOOTHING.size - 1
+    behind, zero = SMOOTHING.size - 1, _zeros(program)
+    if zero is not None:
+        position -= zero[motion]
     position = _padded(position, behind, behind)
     smooth = np.stack([np.convolve(column, SMOOTHING, mode="valid") for column in position.T], axis=1)
-    return smooth, _padded(motion, 1, behind - 1), _padded(share, 1, behind - 1)
+    numbers: IntArray = _padded(motion, 1, behind - 1)
+    if zero is not None:
+        smooth += zero[numbers]
+    return smooth, numbers, _padded(share, 1, behind - 1)
+
+
+def _zeros(program: PartProgram) -> Array | None:
+    """Return by how much the zero of each motion's places is moved from the first one's (m + 1, 3) [m], by G92 and such.
+
+    The joints know nothing of it. The last row, for no motion, is 0; None where nothing moves it.
+    """
+    start, end = known_ends(program)
+    jumps = start[1:] - end[:-1]
+    if not (np.abs(jumps) > APART).any():
+        return None
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(jumps, axis=0), np.zeros((1, 3))])
 
 
 def _padded(values: AnyArray, before: int, behind: int) -> AnyArray:

@@ -17,7 +17,7 @@ from ph_post.types import Array, BoolArray, IntArray
 
 _PASSED: Final = "not understood"
 """Kind of the break behind a line that was passed through."""
-_APART: Final = 1e-9
+APART: Final = 1e-9
 """Places that differ by less [m] are the same."""
 
 
@@ -63,7 +63,7 @@ def unknown_motions(program: PartProgram) -> BoolArray:
     for one in program.breaks:
         if one.kind == _PASSED and 0 < one.motion < found.size:
             jump = motions.start[one.motion] - motions.end[one.motion - 1]
-            found[one.motion] |= bool((np.abs(jump) > _APART).any())
+            found[one.motion] |= bool((np.abs(jump) > APART).any())
     return found
 
 
