@@ -23,6 +23,7 @@ from ph_post.gcode.language import Spelling
 from ph_post.gcode.motion_parts import part_length
 from ph_post.gcode.paths import without_feed
 from ph_post.gcode.program import AXES, RAPID, Modal, PartProgram
+from ph_post.simulate.controllers.moves import linking_of
 from ph_post.types import BoolArray, IntArray
 from ph_post.units import MINUTE, MM
 
@@ -442,17 +443,21 @@ class ChangeWriter:
         return self._digits((min(speed, own) if own > 0.0 else speed) / words.modal.units * MINUTE)
 
     def _crossing_feed(self, words: PartWords, part: MotionPart, feed: float) -> str:
-        """Digits of the F word of a block of a crossing; never the program's own, so that no controller joins them."""
+        """Digits of the F word of a block of a crossing."""
         if words.modal.feed_mode == 93:
             length = part_length(self._program.motions, words.motion, part.low, part.high)
             own = float(self._program.motions.duration[words.motion]) / part_length(
                 self._program.motions, words.motion, 0.0, 1.0
             )
             return self._inverse(MINUTE / max(own * length, length / feed))
-        found = self._below(feed / words.modal.units * MINUTE)
-        if found == self._program.feed_after(words.block):
+        return self._digits(self._apart(feed / words.modal.units * MINUTE, words.block))
+
+    def _apart(self, feed: float, block: int) -> float:
+        """Return a feed below, never the program's own, so that no controller joins blocks of the two."""
+        found = self._below(feed)
+        if found == self._program.feed_after(block):
             found = self._below(found * (1.0 - 10.0**-_FEED_DIGITS * 5.0))
-        return self._digits(found)
+        return found
 
     def _path_mode(self, task: MotionEdit, part: MotionPart, modal: Modal) -> None:
         """Let the controller blend blocks of known time, and of crossings, in an exact-stop program, and no others."""
@@ -499,7 +504,10 @@ class ChangeWriter:
             rate = 1.0 / max(abs(shift.travel) / shift.velocity for shift in shifts)
             if modal.feed_mode != 93:
                 rate *= math.hypot(*(shift.travel for shift in shifts)) / modal.units
-            feed = self._inverse(rate * MINUTE) if modal.feed_mode == 93 else self._digits(self._below(rate * MINUTE))
+            # A jog with the feed of the lines beside it LinuxCNC makes one with them, as far as its path mode allows.
+            joins = linking_of(modal.path, modal.units) > 0.0
+            below = self._apart(rate * MINUTE, words.block) if joins else self._below(rate * MINUTE)
+            feed = self._inverse(rate * MINUTE) if modal.feed_mode == 93 else self._digits(below)
             new = [] if feed == self._feed and modal.feed_mode != 93 else [f"F{feed}"]
             self._feed, self._mode = feed, "G1"
             self._add("G1", *places, *new)

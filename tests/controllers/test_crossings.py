@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from support.editing import compensate
-from support.real_cuts import behind, bench, lagging
+from support.real_cuts import behind, bench, lagging, outline
 from support.rehearsing import HERE, WHY_NOT
 
 import ph_post as ph
@@ -117,3 +117,39 @@ def test_without_a_tolerance_crossings_stay_but_corners_are_cut_and_said(chords:
     result = ph.compensate(read_program(text, "circle.ngc"), machine_of(case), max_slowdown=0.25)
     said = r"line 1: G64 without P rounds corners by up to \d+ µm \(line 3\), .*: G64 P0.01 Q0 keeps them"
     assert any(re.match(said, word) for word in result.warnings)
+
+
+def off_outline(rows: np.ndarray, corners: list[tuple[float, float]], lost: float) -> tuple[float, float, float]:
+    """Largest and rms distance from an outline [µm], from all initial sides, and the time of the cut [s]."""
+    down = rows[:, 2] < 0.5e-3
+    down[: int(np.argmax(rows[:, 2] > 4.9e-3))] = False
+    first, last = np.flatnonzero(down)[[0, -1]]
+    ends = 1e-3 * np.array(corners)
+    start, way = ends[:-1], np.diff(ends, axis=0)
+    worst = 0.0, 0.0
+    for sides in itertools.product((-1.0, 1.0), repeat=2):
+        place = np.stack([behind(rows[:, n], 0.5e-3 * lost, side) for n, side in enumerate(sides)], axis=1)[first:last]
+        away = np.full(len(place), np.inf)
+        for begin, line in zip(start, way, strict=True):
+            share = np.clip((place - begin) @ line / (line @ line), 0.0, 1.0)
+            away = np.minimum(away, np.linalg.norm(place - begin - share[:, None] * line, axis=1))
+        worst = max(worst, (1e6 * float(away.max()), 1e6 * float(np.sqrt((away**2).mean()))))
+    return *worst, (last - first) * 1e-3
+
+
+@pytest.mark.parametrize("seed", [0, 1, 8, 11])
+@pytest.mark.thinned(2)
+def test_jogs_stay_in_corners_that_the_detector_of_collinear_moves_may_cut_off(seed: int) -> None:
+    corners = outline(seed)
+    moves = [f"G1 X{x:.3f} Y{y:.3f}" for x, y in corners[1:]]
+    text = "\n".join(["G21 G90 G17 G64 P0.05", "G0 X0 Y0 Z5", "G1 Z0 F100", *moves, "G0 Z5", "M2", ""]).encode()
+    machine = bench(0.05, 500.0, 0.0)
+    written = ph.compensate(read_program(text, "outline.ngc"), machine).program()
+    untouched, done = (
+        off_outline(np.asarray(run_on_linuxcnc(one, "outline", machine).position), corners, 0.05)
+        for one in (text, written)
+    )
+    assert untouched[1] > 12.0
+    assert done[0] <= untouched[0]
+    assert done[1] <= 0.1 * untouched[1]
+    assert done[2] <= 1.1 * untouched[2]

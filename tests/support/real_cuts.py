@@ -165,6 +165,17 @@ def _path(cut: Cut) -> Floats:
     return np.concatenate(found)
 
 
+def outline(seed: int) -> list[tuple[float, float]]:
+    """Corners of a walk [mm] of short and long lines that turns by 20 to 90 degrees, as outlines of copper do."""
+    drawn, corners, way = np.random.default_rng(seed), [(0.0, 0.0)], 0.0
+    for _ in range(24):
+        way += math.radians(drawn.choice([-90, -45, -20, 20, 45, 90]))
+        length = drawn.choice([0.25, 0.4, 0.7, 2.0, 4.0])
+        x, y = corners[-1]
+        corners.append((round(x + length * math.cos(way), 3), round(y + length * math.sin(way), 3)))
+    return corners
+
+
 def bench(lost: float, push: float, lag: float) -> Machine:
     """The shipped stepper on LinuxCNC with lost motion [mm], acceleration [mm/s²] and a lag of its motors [s]."""
     found = read_machine("stepper")

@@ -284,7 +284,7 @@ def _run(legs: Array, table: Array, period: float, program: PartProgram) -> Rows
 
 
 def _zeros(program: PartProgram) -> Array | None:
-    """Return by how much the zero of each motion's places is moved from the first one's (m + 1, 3) [m], by G92 and such.
+    """Return by how much G92 and such move the zero of each motion from that of the first (m + 1, 3) [m].
 
     The joints know nothing of it. The last row, for no motion, is 0; None where nothing moves it.
     """

@@ -87,7 +87,7 @@ def test_chords_are_no_faster_than_one_a_period() -> None:
 
 
 def test_a_place_that_is_set_moves_no_joint() -> None:
-    """From one period to the next the axis goes as far as its feed lets it, but for the zero, which G92 moves at once."""
+    """In a period the axis goes as far as its feed lets it, but for the zero, which G92 moves at once."""
     steps = np.diff(run(ROUTER, "G1 X10 F600", "G92 X-70", "X-60").position[:, 0])
     far = np.flatnonzero(np.abs(steps) > 0.01 * ROUTER.servo_period * 1.0001)
     assert steps[far] == pytest.approx([-0.08], abs=0.01 * ROUTER.servo_period)
