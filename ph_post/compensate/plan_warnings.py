@@ -126,7 +126,7 @@ def no_room_warning(time: float, slowdown: float) -> str:
     Examples
     --------
     >>> no_room_warning(0.18, 0.06)
-    'the time allowed leaves no room for inverse dynamics: that would add 0.18 s; --max-slowdown 0.061 allows it'
+    'the time allowed leaves no room for inverse dynamics: that would add 0.18 s; --max-slowdown 0.063 allows it'
     """
     return (
         f"the time allowed leaves no room for inverse dynamics: that would add {time:.3g} s; "

@@ -53,8 +53,8 @@ def is_stable(servo: Servo) -> bool:
 
     Examples
     --------
-    >>> quick = Cascade(position_gain=400.0, velocity_gain=300.0, current_time=2e-3)
-    >>> is_stable(Servo(b=1.0 / 120000.0, c=1.0 / 400.0, cascade=quick))
+    >>> quick = Cascade(position_gain=600.0, velocity_gain=300.0, current_time=2e-3)
+    >>> is_stable(Servo(b=1.0 / 180000.0, c=1.0 / 600.0, cascade=quick))
     False
     """
     return bool(np.all(poles(servo).real < 0.0))
@@ -208,7 +208,7 @@ def offset_of_motion(cascade: Cascade, body: MovedBody, speed: Array, period: fl
     Examples
     --------
     >>> cascade = Cascade(position_gain=50.0, velocity_gain=300.0, velocity_feedforward=0.9, dead_time=1e-3)
-    >>> offset_of_motion(cascade, MovedBody(1.0 / 15000.0, 0.0), np.full(100, 0.1), 1e-3).round(9)[0]
+    >>> round(float(offset_of_motion(cascade, MovedBody(1.0 / 15000.0, 0.0), np.full(100, 0.1), 1e-3)[0]), 9)
     0.0003
     """
     return _respond(lambda s: _motion_transfer(cascade, body, s), speed, period, _reach(cascade))

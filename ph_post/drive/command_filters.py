@@ -76,7 +76,7 @@ def rates_of(place: Array, period: float) -> Array:
     Examples
     --------
     >>> rates_of(np.array([0.0, 1.0, 2.0, 3.0, 3.0, 3.0, 3.0]), 1.0)
-    array([1., 1., 1., 1., 0., 0., 0.])
+    array([1., 1., 1., 0., 0., 0., 0.])
     """
     steps = np.diff(place) / period
     if steps.size < 4:

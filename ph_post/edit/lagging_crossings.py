@@ -58,7 +58,7 @@ def lead_time(time: float, lag: float) -> float:
     Examples
     --------
     >>> lead_time(0.024, 0.0), round(lead_time(0.024, 0.025), 4)
-    (0.024, 0.0394)
+    (0.024, 0.0395)
     """
     if lag == 0.0:
         return time

@@ -73,8 +73,8 @@ def arc_by_radius(start: complex, end: complex, radius: float, *, left: bool) ->
 
     Examples
     --------
-    >>> arc_by_radius(0j, 2 + 2j, 2.0, left=True).center
-    2j
+    >>> arc_by_radius(0j, 6 + 8j, 5.0, left=True).center
+    (3+4j)
     """
     half = 0.5 * abs(end - start)
     if start == end or radius < half:

@@ -232,7 +232,7 @@ def may_rest(number: int) -> bool:
     (True, False, False, False)
     """
     own = number < M_GROUP.size and M_GROUP[number] >= 0
-    return number < M_EFFECT.size and not own and number not in _OWN and M_EFFECT[number] != CALLS
+    return number < M_EFFECT.size and not own and number not in _OWN and bool(M_EFFECT[number] != CALLS)
 
 
 TAKES_AXES = (GROUP < 0) | (GROUP == 0) | (GROUP == 17)

@@ -59,8 +59,8 @@ def refined(command: Array, parts: int) -> Array:
 
     Examples
     --------
-    >>> refined(np.array([0.0, 1.0, 8.0, 27.0, 64.0, 125.0]), 2)[3:8]
-    array([ 3.375,  8.   , 15.625, 27.   , 42.75 ])
+    >>> refined(np.array([0.0, 1.0, 8.0, 27.0, 64.0, 125.0]), 2)[4:7]
+    array([ 8.   , 15.625, 27.   ])
     """
     if parts == 1 or command.size < 2:
         return command
