@@ -38,6 +38,7 @@ from ph_post.simulate.controllers.counterparts import Counterparts, approaches, 
 from ph_post.simulate.controllers.exact_path import steps_of
 from ph_post.simulate.controllers.legs import Legs
 from ph_post.simulate.controllers.moves import limit_table, programmed
+from ph_post.simulate.controllers.unknown import with_one_zero
 from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Run
 
 
@@ -78,6 +79,7 @@ class CutPath:
     """
 
     def __init__(self, program: PartProgram, machine: Machine) -> None:
+        program = with_one_zero(program)
         legs = programmed(program, limit_table(machine))
         kept = np.flatnonzero(legs.length > 0.0)
         if kept.size == 0:

@@ -39,7 +39,7 @@ from ph_post.simulate.controllers.legs import DRAINS, FIRST, MOTION, ORIGIN, PAU
 from ph_post.simulate.controllers.moves import bare_legs, limit_table, moves_of, own_moves, stops_before
 from ph_post.simulate.controllers.planner import COLUMNS, KIND, MOST, ROUNDING, plan_legs
 from ph_post.simulate.controllers.planner_cycles import run_legs
-from ph_post.simulate.controllers.unknown import APART, known_ends
+from ph_post.simulate.controllers.unknown import known_ends, with_one_zero
 from ph_post.types import Array, Command, ControllerPlanner, ExactPath, IntArray, Machine, RoundedPath, sealed
 
 DRAINED: Final = 4
@@ -107,7 +107,7 @@ class PlannedRun:
         planner: ControllerPlanner | None = None,
         longest: float = math.inf,
     ) -> None:
-        self._machine, self._program = machine, with_further_times(program, machine)
+        self._machine, self._program = machine, with_further_times(with_one_zero(program), machine)
         self._planner = planner_of(machine) if planner is None else planner
         self._exact: ExactRun | None = None
         self._periods: int | None = None
@@ -272,27 +272,10 @@ def _run(legs: Array, table: Array, period: float, program: PartProgram) -> Rows
     parts = list(_rows(legs, table, period, program))
     position, motion, share = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     parts.clear()  # as large as all else here
-    behind, zero = SMOOTHING.size - 1, _zeros(program)
-    if zero is not None:
-        position -= zero[motion]
+    behind = SMOOTHING.size - 1
     position = _padded(position, behind, behind)
     smooth = np.stack([np.convolve(column, SMOOTHING, mode="valid") for column in position.T], axis=1)
-    numbers: IntArray = _padded(motion, 1, behind - 1)
-    if zero is not None:
-        smooth += zero[numbers]
-    return smooth, numbers, _padded(share, 1, behind - 1)
-
-
-def _zeros(program: PartProgram) -> Array | None:
-    """Return by how much G92 and such move the zero of each motion from that of the first (m + 1, 3) [m].
-
-    The joints know nothing of it. The last row, for no motion, is 0; None where nothing moves it.
-    """
-    start, end = known_ends(program)
-    jumps = start[1:] - end[:-1]
-    if not (np.abs(jumps) > APART).any():
-        return None
-    return np.concatenate([np.zeros((1, 3)), np.cumsum(jumps, axis=0), np.zeros((1, 3))])
+    return smooth, _padded(motion, 1, behind - 1), _padded(share, 1, behind - 1)
 
 
 def _padded(values: AnyArray, before: int, behind: int) -> AnyArray:

@@ -11,8 +11,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from msgspec.structs import replace
 
-from ph_post.gcode.program import PartProgram
+from ph_post.bounds import in_parts
+from ph_post.gcode.program import ARC, Motions, PartProgram, plane_columns
 from ph_post.types import Array, BoolArray, IntArray
 
 _PASSED: Final = "not understood"
@@ -40,6 +42,45 @@ def known_ends(program: PartProgram, begin: Array = _ORIGIN) -> tuple[Array, Arr
         column[unknown] = np.where(last >= 0, column[known[last]], first) if known.size else first
     pairs = places.reshape(-1, 2, 3)
     return np.ascontiguousarray(pairs[:, 0]), np.ascontiguousarray(pairs[:, 1])
+
+
+def with_one_zero(program: PartProgram) -> PartProgram:
+    r"""Return a program whose places are all from the zero of its first motion, where G92 and such move it in between.
+
+    The axes stand still while a zero is moved: a command that follows its places would jump. Where a place is not known
+    before and behind, the zero is taken for the one before.
+
+    Examples
+    --------
+    >>> from ph_post.gcode.read import read_program
+    >>> found = with_one_zero(read_program(b"G21 G90 G94\nG1 X10 Y0 F600\nG92 X0\nX5\nM2\n", "two zeros"))
+    >>> found.motions.end[:, 0].tolist()
+    [0.01, 0.015]
+    """
+    motions = program.motions
+    count = motions.kind.size
+    if not any((np.abs(_jumps(motions, part)) > APART).any() for part in in_parts(count)):
+        return program
+    zero = np.cumsum(_jumps(motions, slice(0, count)), axis=0)
+    planes = plane_columns(motions.plane)[:, :2]
+    arcs = (motions.kind == ARC)[:, None]
+    moved = replace(
+        motions,
+        start=motions.start - zero,
+        end=motions.end - zero,
+        center=motions.center - np.where(arcs, np.take_along_axis(zero, planes.astype(np.int64), axis=1), 0.0),
+        control={k: points - zero[k] for k, points in motions.control.items()},
+        nurbs={k: (order, points - zero[k], weights) for k, (order, points, weights) in motions.nurbs.items()},
+    )
+    return replace(program, motions=moved)
+
+
+def _jumps(motions: Motions, part: slice) -> Array:
+    """Return how far the places of a part of the motions begin from where those before them end (n, 3) [m]."""
+    begin = motions.start[part]
+    before = motions.end[max(part.start - 1, 0) : part.start + len(begin) - 1]
+    found = begin - (before if part.start else np.concatenate([begin[:1], before]))
+    return np.nan_to_num(found, copy=False)
 
 
 def unknown_motions(program: PartProgram) -> BoolArray:

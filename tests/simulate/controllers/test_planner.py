@@ -87,10 +87,21 @@ def test_chords_are_no_faster_than_one_a_period() -> None:
 
 
 def test_a_place_that_is_set_moves_no_joint() -> None:
-    """In a period the axis goes as far as its feed lets it, but for the zero, which G92 moves at once."""
-    steps = np.diff(run(ROUTER, "G1 X10 F600", "G92 X-70", "X-60").position[:, 0])
-    far = np.flatnonzero(np.abs(steps) > 0.01 * ROUTER.servo_period * 1.0001)
-    assert steps[far] == pytest.approx([-0.08], abs=0.01 * ROUTER.servo_period)
+    """Where X is 10 it is called -70, and goes to -60: 10 on; an arc about X-60 Y2 lies 70 on, too."""
+    found = run(ROUTER, "G1 X10 Y0 F600", "G92 X-70", "X-60", "G3 X-60 Y4 I0 J2")
+    assert np.abs(np.diff(found.position, axis=0)).max() <= 0.01 * ROUTER.servo_period * 1.0001
+    assert found.position[-1] == pytest.approx([0.02, 0.004, 0.0])
+    assert found.position[:, 0].max() == pytest.approx(0.022, abs=1e-5)
+
+
+def test_places_that_are_set_do_not_lose_the_way() -> None:
+    """Two squares one over the other, of which each begins at a zero of its own."""
+    square = ["G1 X5 F600", "Y5", "X0", "Y0"]
+    axes = {name: replace(axis, gap=axis.gap.with_lost_motion(0.0)) for name, axis in STEPPER.axes.items()}
+    machine = replace(STEPPER, dialect="grbl", axes=axes)
+    part = program("G1 X0 Y0 Z0 F600", "G0 X50 Y50", "G92 X0 Y0", *square, "G0 X9 Y0", "G92 X0 Y0", *square)
+    found = program_error(run_program(part, machine), machine, part)
+    assert found.error.max < 1e-9
 
 
 def test_every_row_knows_its_motion() -> None:
