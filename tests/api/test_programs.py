@@ -339,6 +339,14 @@ def test_a_program_that_begins_with_a_cut_is_compensated_from_there(before):
     assert found.time[1] < 1.1 * found.time[0]
 
 
+def test_where_the_first_cut_begins_the_tool_may_stand_longer_while_an_axis_comes_to_its_side():
+    """In the plain program it passes the first micrometres of the way as far off, only faster."""
+    text = "G1 F6000\nG1 X0 Y0\nG1 X200 Y0\nG1 X200 Y200\nG1 X0 Y200\nG1 X0 Y0\nG1 X200 Y200\nG1 X0 Y0\n"
+    found = judge(Entry("square", File(), "grbl", text))
+    assert (found.compensated, found.followed) == (found.reversals, found.shown)
+    assert found.rms[1] < 0.001
+
+
 def test_a_step_from_wherever_the_machine_stands_is_left_as_it_is():
     """On which side of its backlash the table stands is not known, so no move of the motor alone makes it better."""
     found = judge(Entry("step", File(), "linuxcnc", "G21\nG91\nG1 X5 F50\nM2\n"))

@@ -154,7 +154,9 @@ class CutPath:
         first = int(self.legs.motion[0])
         placed = self.program.modal_after(int(self.program.motions.block[first])).absolute
         behind_rest = np.append(first > 0 or not placed, ~works[:-1])[leg]
-        begins = behind_rest & (place <= self.starts[leg] + BEGINS)
+        # Until then a table that stands behind by half of its backlash is where it was before the cut.
+        begun = max(BEGINS, 0.5 * float(self.gaps(command).max())) if placed else BEGINS
+        begins = behind_rest & (place <= self.starts[leg] + begun)
         cuts = works[leg] & ~begins
         if moved_by is not None and moved_by.motions.kind.size:
             number = np.maximum(command.segment, 0)
