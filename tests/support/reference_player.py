@@ -112,7 +112,7 @@ def interpret(
             plane = code // 10 if code in (170, 180, 190) else plane
             mode = code // 10 if code in (0, 10, 20, 30) else mode
         feed = value.get("F", feed)
-        if 100 in codes and value.get("L") == 20.0 and not moves:
+        if (100 in codes and value.get("L") == 20.0 and not moves) or 920 in codes:
             # Where the machine stands gets the coordinates that are said.
             at = np.array([unit * value[letter] if letter in value else at[k] for k, letter in enumerate("XYZ")])
         if released is not None and {("M", "18"), ("M", "84")} & set(words):
