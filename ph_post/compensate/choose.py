@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import cached_property
 from typing import Final
 
@@ -131,6 +131,14 @@ def smooth_offsets(task: PlanningTask, *, lead: bool) -> tuple[StrategyResult, .
     return _Chooser(task, offsets=True, lead=lead).smooth_offsets()
 
 
+def _longer(
+    found: Sequence[Sequence[TriedDesign]], picks: Sequence[TriedDesign | None], windows: Collection[int]
+) -> list[list[TriedDesign]]:
+    """Keep of some windows those designs alone that take longer than what was picked."""
+    least = [-math.inf if one is None or k not in windows else one.longer for k, one in enumerate(picks)]
+    return [[one for one in own if one.longer > most] for own, most in zip(found, least, strict=True)]
+
+
 def search_scenarios(machine: Machine, axes: Sequence[str]) -> tuple[tuple[Scenario, ...], int]:
     """Return the scenarios to search with, and how many of them are nominal.
 
@@ -164,7 +172,7 @@ class _Chooser:
             for window in task.windows
         ]
         self.friction_first = self._friction_first()
-        self.winding = self._approach()
+        self.winding = self._as_approach(self._winding_time())
         self.pushing = self._pushing()
         self.pushes_first = self._as_approach(self.pushing) > 0.0
         pairs = zip(self.places, self.reversing, strict=True)
@@ -181,11 +189,11 @@ class _Chooser:
         """Axes whose friction is led and turns round with them."""
         return tuple(name for name, one in self.friction.items() if one.turns)
 
-    def _approach(self) -> float:
+    def _winding_time(self) -> float:
         """Time that it takes at most to bring axes behind the loop to their first flank [s].
 
-        Every part program has an approach that does it. Where it would take most of the time allowed nothing is
-        spent on it.
+        Every part program has an approach that does it. Where it would take most of the time allowed designs leave
+        nothing for it.
         """
         if not self.offsets or self.written or self.task.options.start == "moving":
             return 0.0
@@ -195,7 +203,7 @@ class _Chooser:
             for axis in drives
             if not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0
         ]
-        return self._as_approach(max(times, default=0.0))
+        return max(times, default=0.0)
 
     def _pushing(self) -> float:
         """Time that it takes to push axes onto their sides whose gap is inside their loop [s], likewise."""
@@ -260,6 +268,7 @@ class _Chooser:
             requests=tuple(requests),
             proven=True,
             shorter=lambda less: self.propose(found, less, pushes_first=pushes_first),
+            longer_at=lambda windows: self.propose(_longer(found, picks, windows), part, pushes_first=pushes_first),
             shifted=self._behind(),
             winds_up=self.winding > 0.0,
             pushes_first=pushes_first,
@@ -317,7 +326,8 @@ class _Chooser:
                 crosses_by=ON_THE_FLY,
             )
             for times in SMOOTH
-            for winds_up in ((True, False) if self.winding > 0.0 else (False,))
+            # Without any design all of the time may be spent on it.
+            for winds_up in ((True, False) if 0.0 < self._winding_time() <= self.task.allowed else (False,))
         )
 
     def _left_alone(self, number: int) -> float:

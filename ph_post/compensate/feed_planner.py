@@ -112,6 +112,8 @@ class FeedPlanner:
         Rest behind the end of such a motion [s].
     jerk : float
         Times the limits of the jerk that it is planned with before it is smoothed, which takes the peaks off.
+    width : float
+        Times the usual width of the window through which the lead sees the path.
 
     Attributes
     ----------
@@ -132,11 +134,12 @@ class FeedPlanner:
         lead: float = 0.0,
         tail: float = 0.0,
         jerk: float = 1.0,
+        width: float = 1.0,
     ) -> None:
         self.track = track
         self.limits = axis_limits(track.path.axes, machine, machine.servo_period)
         _check_feeds(track, self.limits)
-        window = lead_window(machine, track.path.axes) if lead > 0.0 else None
+        window = lead_window(machine, track.path.axes, width) if lead > 0.0 else None
         self.room = LeadRoom(track, machine, self.limits, window, stops, lead, tail) if window else None
         inside = _planned(self.limits, track, jerk if window else 1.0)
         caps = build_limit_curve(track, inside, rounded=self.room is not None)

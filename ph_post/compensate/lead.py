@@ -42,8 +42,8 @@ class LeadWindow(msgspec.Struct, frozen=True, kw_only=True):
     half: int
 
 
-def lead_window(machine: Machine, axes: Sequence[str]) -> LeadWindow | None:
-    """Return the window for some axes of a machine; None where none of them lags.
+def lead_window(machine: Machine, axes: Sequence[str], width: float = 1.0) -> LeadWindow | None:
+    """Return the window for some axes of a machine, so many times as wide as usual; None where none of them lags.
 
     Examples
     --------
@@ -60,6 +60,7 @@ def lead_window(machine: Machine, axes: Sequence[str]) -> LeadWindow | None:
     # The command of a motion that arrives late begins before it, while the motion still rests.
     cascades = [machine.axes[name].servo.cascade for name in axes]
     early = max(0.0 if cascade is None else mean_delay(cascade) for cascade in cascades)
+    unit *= width
     spacing = max(unit, 0.5 * SHORTEST * period) + 0.5 * early
     return LeadWindow(spacing=spacing, half=max(round(WIDTH * unit / period), SHORTEST))
 
@@ -109,8 +110,8 @@ def smoothed(rows: Array, half: int, rests: tuple[bool, bool] = (True, True)) ->
     return np.asarray(rows + inside[:, np.newaxis] * (seen - rows))
 
 
-def unwinding_time(machine: Machine, axes: Sequence[str], feed: float) -> float:
-    """Time [s] that integrators take to unwind behind a stop from `feed` [m/s], 0 where there are none.
+def memory_of_lead(servo: Servo) -> float:
+    """Return the time constant in which the lead of a motion dies away behind a stop [s]; 0 where there is no such.
 
     A cascade's forward paths and integrator are unwound by the zeros of its response. An integrator of a single loop
     holds c v while the axis moves. Where it is to stop at once, it is commanded back by as much, and less and less as
@@ -119,18 +120,12 @@ def unwinding_time(machine: Machine, axes: Sequence[str], feed: float) -> float:
     Examples
     --------
     >>> from ph_post.drive.machinefile import read_machine
-    >>> unwinding_time(read_machine("mill"), ("X", "Y"), 0.05)
+    >>> memory_of_lead(read_machine("mill").axes["X"].servo)
     0.0
     """
-    longest = 0.0
-    for name in axes:
-        servo = machine.axes[name].servo
-        if servo.cascade is not None:
-            left = (servo.c + servo.b * servo.cascade.integral_rate) * feed
-            longest = max(longest, math.log(max(left / END, 1.0)) * memory_of_inverse(servo.cascade))
-        elif servo.ki_over_kp > 0.0:
-            longest = max(longest, math.log(max(servo.c * feed / END, 1.0)) / _slowest(servo))
-    return longest
+    if servo.cascade is not None:
+        return memory_of_inverse(servo.cascade)
+    return 1.0 / _slowest(servo) if servo.ki_over_kp > 0.0 else 0.0
 
 
 def _slowest(servo: Servo) -> float:
@@ -144,7 +139,7 @@ def _slowest(servo: Servo) -> float:
 def let_go(servos: Sequence[Servo], window: LeadWindow, rows: int) -> Array:
     """Part of the lead (rows,) that the rows of a motion which ends at rest have: integrators let go at its end."""
     part = np.ones(rows)
-    if any(servo.ki_over_kp > 0.0 or (servo.cascade and memory_of_inverse(servo.cascade)) for servo in servos):
+    if any(memory_of_lead(servo) for servo in servos):
         fall = np.clip((rows - 1.0 - np.arange(rows)) / (LETTING_GO * window.half), 0.0, 1.0)
         part = fall**4 * (35.0 + fall * (-84.0 + fall * (70.0 - 20.0 * fall)))
     return part

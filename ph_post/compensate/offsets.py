@@ -181,7 +181,8 @@ class Offsets(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Offsets that are added to a path.
 
     `bias` [m] is the lasting offset at the beginning by axis; `lead` adds inverse dynamics, `part` of it, with `fade`
-    only where the command keeps the limits. `friction` is what is led of that.
+    only where the command keeps the limits, through a window of `width` times the usual one. `friction` is what is led
+    of that.
     """
 
     crossings: tuple[Crossing | Jog, ...] = ()
@@ -190,6 +191,7 @@ class Offsets(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     fade: bool = True
     friction: FrictionLead = FrictionLead()
     part: float = 1.0
+    width: float = 1.0
 
 
 def command_of(plan: Plan, track: Track, period: float, *, fade: bool = True) -> Command:
@@ -217,7 +219,15 @@ def command_of(plan: Plan, track: Track, period: float, *, fade: bool = True) ->
     rate = MotionLaw.from_phases(plan.phases).acceleration(plain.t)
     speed, acceleration = path_derivatives(plain, track, rate)
     friction, lead = _friction_lead(plan, speed), plan.inverse_dynamics
-    offsets = Offsets(crossings=plan.crossings, bias=plan.bias, lead=lead, fade=fade, part=plan.lead, friction=friction)
+    offsets = Offsets(
+        crossings=plan.crossings,
+        bias=plan.bias,
+        lead=lead,
+        fade=fade,
+        part=plan.lead,
+        width=plan.lead_width,
+        friction=friction,
+    )
     return add_offsets(plain, speed, acceleration, plan.machine, offsets)
 
 
@@ -269,7 +279,7 @@ def add_offsets(command: Command, speed: Array, acceleration: Array, machine: Ma
         With what was added as its `offset`.
     """
     fixed, dynamic, led = np.empty_like(speed), np.empty_like(speed), [speed, acceleration]
-    window = lead_window(machine, command.axes) if offsets.lead else None
+    window = lead_window(machine, command.axes, offsets.width) if offsets.lead else None
     rests = bool(command.feed[0] == 0.0), bool(command.feed[-1] == 0.0)
     if window is not None:
         shift = smoothed(command.position, window.half, rests) - command.position

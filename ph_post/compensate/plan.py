@@ -17,7 +17,7 @@ from ph_post.compensate.feed_planner import FeedPlanner, ValidMotion
 from ph_post.compensate.fitting import FittedProfiles, Fitter
 from ph_post.compensate.friction import Friction, braked, friction_of_machine
 from ph_post.compensate.layout import Job, Layout, approach_sides, lay_out, without_axes
-from ph_post.compensate.lead import lead_window, unwinding_time
+from ph_post.compensate.lead import lead_window
 from ph_post.compensate.lead_report import with_lead_told
 from ph_post.compensate.motion import FeedAlong, cycle_time
 from ph_post.compensate.offsets import may_shift
@@ -25,6 +25,7 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan_warnings import SAFE
 from ph_post.compensate.prove import prove
 from ph_post.compensate.race import race
+from ph_post.compensate.room import unwinding_time
 from ph_post.compensate.shapes import reported_ratio
 from ph_post.compensate.standstill import check_standstill
 from ph_post.compensate.strategies.base import (
@@ -65,6 +66,9 @@ ENOUGH = 0.8
 
 SHARPER = (1.15, 1.3)
 """Times the limits of the jerk with which it is planned, before it is smoothed, where the time is short."""
+
+NARROWER = (0.7, 0.5, 0.35)
+"""Times the usual width of the window through which the lead sees the path, where the time is short."""
 
 RELAXED = 0.5
 """Power of what a stretch is slowed by for all of the inverse dynamics with which the search for a part begins."""
@@ -133,11 +137,13 @@ class BaselinePlan(NamedTuple):
 class LedMotion(NamedTuple):
     """A motion that leaves room for a part of the inverse dynamics, and how much longer than the plain one it is [s].
 
-    It was planned with `jerk` times the limits of the jerk before it was smoothed.
+    It was planned with `jerk` times the limits of the jerk before it was smoothed, for a window of `width` times the
+    usual one.
     """
 
     part: float
     jerk: float
+    width: float
     longer: float
     feed_planner: FeedPlanner
     valid: ValidMotion
@@ -164,7 +170,7 @@ class Planner:
         corners, infinite, rapids = find_stops(analysis.track)
         cusps = np.array([point.s for point in analysis.turning_points if point.kind == "cusp"])
         self._stops = np.concatenate([corners, infinite, rapids, cusps])
-        self._part, self._tail, self._jerk = 0.0, 0.0, 1.0
+        self._part, self._tail, self._jerk, self._width = 0.0, 0.0, 1.0, 1.0
         feed_planner = self._feed_planner(0.0, NO_STOPS)
         settled = feed_planner.settle()
         self.before = plain or settled
@@ -173,6 +179,7 @@ class Planner:
             self._approached = approach_sides(analysis.track, analysis.turning_points)
         self._plain = self.baseline = self._on(feed_planner, settled)
         self._said: list[str] = []
+        self._whole: LedMotion | None = None
         if self.lead:
             self._make_room()
         # From rest, nobody expects a corner to be run through; infinite curvature does not show in a drawing.
@@ -201,7 +208,7 @@ class Planner:
         other = copy(self)
         other.options, other.lead = options, self.lead and options.inverse_dynamics
         if self.lead and not other.lead:
-            other.baseline, other._part, other._tail, other._said = self._plain, 0.0, 0.0, []
+            other.baseline, other._part, other._tail, other._width, other._said = self._plain, 0.0, 0.0, 1.0, []
         other.task = other._task()
         return other
 
@@ -231,58 +238,91 @@ class Planner:
         """Longest cycle time allowed [s]."""
         return (1.0 + self.options.max_slowdown) * self.before.motion.end
 
+    def fuller(self, kept: float) -> Planner | None:
+        """Return the planner of the same job whose turning points get no time, but for some [s] before the path begins.
+
+        None where there is no more of the inverse dynamics for that.
+        """
+        if not self.lead or self._part == 1.0:
+            return None
+        other = copy(self)
+        other.baseline, other._part, other._said = self._plain, 0.0, []
+        other._make_room(kept)
+        if other._part <= self._part:
+            return None
+        other.task = other._task()
+        return other
+
     def _feed_planner(self, part: float, stops: Array) -> FeedPlanner:
         every = np.concatenate([self._stops, stops])
-        return FeedPlanner(self.analysis.track, self.machine, every, self.moving, part, self._tail, self._jerk)
+        return FeedPlanner(
+            self.analysis.track, self.machine, every, self.moving, part, self._tail, self._jerk, self._width
+        )
 
     def _on(self, feed_planner: FeedPlanner, valid: ValidMotion) -> BaselinePlan:
         period, length = feed_planner.limits.period, self.analysis.track.length
         return BaselinePlan(feed_planner, valid, FeedAlong(valid.motion, period, length, feed_planner.looped))
 
-    def _make_room(self) -> None:
-        """Leave room for all of the inverse dynamics, or for as much as does not take too long."""
+    def _make_room(self, kept: float | None = None) -> None:
+        """Leave room for all of the inverse dynamics, or for as much as does not take too long.
+
+        What is kept of the time allowed for all else [s] is a part of it by default.
+        """
         end, axes = self.before.motion.end, self.analysis.path.axes
-        if lead_window(self.machine, axes) is None:
+        window = lead_window(self.machine, axes)
+        if window is None:
             return
-        fastest = max(float(speeds.max(initial=0.0)) for speeds in self.before.motion.speeds)
         allowed = self.longest - end
-        self._tail = min(unwinding_time(self.machine, axes, fastest), TAIL_SHARE * allowed)
-        share = self._tail + LEAD_SHARE * (allowed - self._tail)
+        unwinding = unwinding_time(self.machine, self.analysis.track, self.before.motion, window)
+        self._tail = min(unwinding, TAIL_SHARE * allowed)
+        share = self._tail + LEAD_SHARE * (allowed - self._tail) if kept is None else allowed - kept
 
-        def tried(part: float, jerk: float, known: FeedPlanner | None = None) -> LedMotion:
-            self._jerk = jerk
-            feed_planner = self._feed_planner(part, NO_STOPS)
-            if known is not None:
-                feed_planner.learn(known, RELAXED * part)
-            valid = feed_planner.settle()
-            return LedMotion(part, jerk, valid.motion.end - end, feed_planner, valid)
-
-        whole = tried(1.0, 1.0)
-        for jerk in SHARPER:
-            if whole.longer <= share or (sharper := tried(1.0, jerk)).longer >= whole.longer:
-                break
-            whole = sharper
+        whole = self._whole = self._whole or self._led_whole(share)
         best = whole if whole.longer <= share else None
         low, high, part = (0.0, 0.0), (1.0, whole.longer), 1.0
         for _ in range(TRIES if best is None else 0):
             # What it takes grows faster than the part of the lead, so that the chord is below what can be had.
             chord = low[0] + (high[0] - low[0]) * (share - low[1]) / (high[1] - low[1])
             part = round(min(chord + ABOVE * (high[0] - chord), high[0] - STEP), 3)
-            found = tried(part, whole.jerk, whole.feed_planner)
+            found = self._led(part, whole.jerk, whole.width, whole.feed_planner)
             if found.longer <= share:
                 low, best = (part, found.longer), found
                 if found.longer >= ENOUGH * share:
                     break
             else:
                 high = (part, found.longer)
-        slowdown = (self._tail + (whole.longer - self._tail) / LEAD_SHARE) / end
+        beside = (whole.longer - self._tail) / LEAD_SHARE + self._tail if kept is None else whole.longer + kept
+        slowdown = beside / end
         if best is None or best.part < LEAST_PART:
+            self._jerk, self._width = 1.0, 1.0
             self._said = [plan_warnings.no_room_warning(whole.longer, slowdown)]
             return
-        self._part, self._jerk = best.part, best.jerk
+        self._part, self._jerk, self._width = best.part, best.jerk, best.width
         self.baseline = self._on(best.feed_planner, best.valid)
         if self._part < 1.0:
             self._said = [plan_warnings.lead_time_warning(self._part, whole.longer, slowdown)]
+
+    def _led_whole(self, share: float) -> LedMotion:
+        """Lead by all that servos lag; where it takes longer than a time [s], sharper and through a narrower window."""
+        whole = self._led(1.0, 1.0, 1.0)
+        for jerk in SHARPER:
+            if whole.longer <= share or (sharper := self._led(1.0, jerk, 1.0)).longer >= whole.longer:
+                break
+            whole = sharper
+        for width in NARROWER:
+            if whole.longer <= share or (narrower := self._led(1.0, whole.jerk, width)).longer >= whole.longer:
+                break
+            whole = narrower
+        return whole
+
+    def _led(self, part: float, jerk: float, width: float, known: FeedPlanner | None = None) -> LedMotion:
+        """Plan a motion that leaves room for a part of the inverse dynamics; another planner knows how slow, about."""
+        self._jerk, self._width = jerk, width
+        feed_planner = self._feed_planner(part, NO_STOPS)
+        if known is not None:
+            feed_planner.learn(known, RELAXED * part)
+        valid = feed_planner.settle()
+        return LedMotion(part, jerk, width, valid.motion.end - self.before.motion.end, feed_planner, valid)
 
     def _baseline_for(self, requests: Sequence[ProfileRequest]) -> BaselinePlan:
         """Return the baseline to build on, at rest where requests want the motion to stop, and slower where they do."""
@@ -302,17 +342,23 @@ class Planner:
             feed_planner.pass_slower(*np.array(slowed).T)
         return self._on(feed_planner, feed_planner.settle())
 
+    def shallow(self, requests: Sequence[ProfileRequest], profiles: Sequence[FeedProfile | None]) -> set[int]:
+        """Return the windows whose profile is not as deep as it was asked for, or missing."""
+        return {
+            number
+            for number, (request, found) in enumerate(zip(requests, profiles, strict=True))
+            if request.shape is not None and (found is None or found.ratio > reported_ratio(request.shape) + AS_DEEP)
+        }
+
     def _missed(self, requests: Sequence[ProfileRequest], profiles: Sequence[FeedProfile | None]) -> set[int]:
         """Return the windows that did not get the profile that a crossing behind the loop counts on."""
         if self.options.min_feed is not None:
             return set()
         return {
             number
-            for number, (request, found) in enumerate(zip(requests, profiles, strict=True))
-            if request.shape is not None
-            and request.crossings
-            and not any(self.machine.axes[one.axis].loop.encloses_backlash for one in request.crossings)
-            and (found is None or found.ratio > reported_ratio(request.shape) + AS_DEEP)
+            for number in self.shallow(requests, profiles)
+            if requests[number].crossings
+            and not any(self.machine.axes[one.axis].loop.encloses_backlash for one in requests[number].crossings)
         }
 
     def _friction(self, result: StrategyResult) -> dict[str, Friction]:
@@ -351,6 +397,7 @@ class Planner:
             friction_part=result.friction_part if self.lead else 0.0,
             friction=layout.friction,
             lead=self._part or 1.0,
+            lead_width=self._width,
             flanks=flanks_before(analysis) if feed_planner.looped else self._approached,
             warnings=(
                 *self._fitting_warnings(feed_planner, fitted, result),

@@ -95,6 +95,9 @@ LEAST_UNIT: Final = 0.1
 RAMPS: Final = 3.0
 """Times what the low feed itself takes that passing a turning point slower takes with its ramps, about."""
 
+LONGER_TRIES: Final = 2
+"""Times that longer designs are asked for where limits leave less of those that were chosen."""
+
 SLOWER_TRIES: Final = 2
 """Plans in which turning points are passed slower, as slow as the time allows."""
 
@@ -179,8 +182,11 @@ class _Race:
         if self._lead_matters() and not self._leads(runners, few) and (self._shifts() or not long):
             planner = self.planner.with_options(replace(self.planner.options, inverse_dynamics=False))
             runners += [self._measured(one, few) for one in self._start(planner, self._without_lead(planner.task))]
+        runners += [self._measured(one, few) for one in self._fuller(self.planner, (self.result, *self.result.rivals))]
         for gentler in self._gentler():
-            runners += [self._measured(one, few) for one in self._start(gentler, self._searched(gentler.task))]
+            found = list(self._searched(gentler.task))
+            runners += [self._measured(one, few) for one in self._start(gentler, found)]
+            runners += [self._measured(one, few) for one in self._fuller(gentler, found)]
         ranked = self._ranked(runners, few)
         winner = self._heats(ranked, HEAT // 2 if long else HEAT, few, many)
         if winner is None:
@@ -227,6 +233,19 @@ class _Race:
             if gentler.lead:
                 yield gentler.with_options(replace(gentler.options, inverse_dynamics=False))
 
+    def _fuller(self, planner: Planner, found: Sequence[StrategyResult]) -> Iterator[Runner]:
+        """Plan with all of the time for inverse dynamics where less leaves only a part of it: without any design.
+
+        Where axes turn back while they rest, or in corners, that costs nothing.
+        """
+        fuller = planner.fuller(found[0].friction_first)
+        if fuller is not None:
+            nothing = (ProfileRequest(shape=None, note=GIVEN_UP),) * len(found[0].requests)
+            bare = [one for one in found if all(own.shape is None and not own.stop for own in one.requests)]
+            yield from self._start(
+                fuller, (replace(found[0], requests=nothing, proven=False, shorter=None, longer_at=None), *bare)
+            )
+
     def _shifts(self) -> bool:
         """Return whether any axis may get a lasting offset."""
         axes = [self.planner.machine.axes[name] for name in self.planner.analysis.path.axes]
@@ -245,7 +264,8 @@ class _Race:
     def _start(self, planner: Planner, entrants: Iterable[StrategyResult]) -> Iterator[Runner]:
         """Plan all that is to be tried; what takes too long waits aside, and what breaks a limit is left out."""
         seen: list[tuple[object, ...]] = []
-        for number, proposed in enumerate(entrants):
+        waiting = [(one, 0) for one in entrants]
+        for number, (proposed, tries) in enumerate(waiting):
             looks = (proposed.requests, proposed.shifted, proposed.winds_up, proposed.pushes_first, proposed.carries)
             if looks in seen:
                 continue
@@ -256,6 +276,10 @@ class _Race:
                 runner = self._runner(planner, result, plan)
             except PhPostError:
                 continue
+            softened = planner.shallow(result.requests, plan.profiles)
+            if softened and result.longer_at is not None and tries < LONGER_TRIES:
+                # A dip that the limits make shallow does not what was looked for: longer ones may.
+                waiting.append((result.longer_at(softened), tries + 1))
             if proposed is self.result:
                 self.said = tuple(one for one in result.warnings if one not in proposed.warnings)
             if self._is_known(runner.command):
@@ -482,7 +506,9 @@ class _Race:
 
     def _replanned(self, runner: Runner, requests: Sequence[ProfileRequest]) -> Runner | None:
         """Plan the same with other requests, to be proven; None where that cannot be planned."""
-        result = replace(runner.result, requests=tuple(requests), proven=True, shorter=None, rivals=(), warnings=())
+        result = replace(
+            runner.result, requests=tuple(requests), proven=True, shorter=None, longer_at=None, rivals=(), warnings=()
+        )
         try:
             return self._runner(runner.planner, result, runner.planner.plan(self.name, result))
         except PhPostError:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ph_post.compensate.friction import friction_of_machine, friction_share
 from ph_post.compensate.inverse import lead_memory, lead_of_force, lead_of_motion, lead_when_steady, remembers
-from ph_post.compensate.lead import LeadWindow, let_go, smoothed
+from ph_post.compensate.lead import END, LETTING_GO, LeadWindow, let_go, memory_of_lead, smoothed
 from ph_post.compensate.limit_curve import AxisLimits
 from ph_post.compensate.motion import MotionLaw, row_times
 from ph_post.compensate.offsets import axis_motion
@@ -41,6 +41,34 @@ other places, which the speed hardly feels."""
 
 _MOSTLY = 0.97
 """Part of the speed that constant speed may keep by which it, and not its change, breaks a limit."""
+
+
+_GONE = 20.0
+"""Time constants after which nothing is left of a lead that shows (e^-20)."""
+
+
+def unwinding_time(machine: Machine, track: Track, motion: MotionLaw, window: LeadWindow) -> float:
+    """Return how long a led motion is to rest behind its end until what a servo remembers of it has died away [s].
+
+    That is until the lead is less than END, and no less than what letting it go takes; 0 where nothing is remembered.
+    """
+    axes = [machine.axes[name] for name in track.path.axes]
+    memory = max(memory_of_lead(axis.servo) for axis in axes)
+    if memory == 0.0 or not motion.ends_at_rest:
+        return 0.0
+    period = machine.servo_period
+    rows = math.ceil(_GONE * memory / period)
+    t = motion.end - period * np.arange(rows, -1.0, -1.0)
+    t = t[t >= 0.0]
+    s, feed = motion.place_and_feed(t)
+    s[-1] = track.length
+    moved = axis_motion(track, s, feed, motion.acceleration(t))[1:]
+    speed, acceleration = (np.concatenate([one, np.zeros((rows, len(axes)))]) for one in moved)
+    longest = LETTING_GO * window.half * period - CELLS * window.spacing
+    for k, axis in enumerate(axes):
+        left = np.abs(lead_of_motion(axis, speed[:, k], acceleration[:, k], period)[t.size :]) > END
+        longest = max(longest, period * (np.flatnonzero(left)[-1:] + 1.0).sum())
+    return float(longest)
 
 
 class LeadSpans(NamedTuple):

@@ -173,7 +173,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     where the plan becomes a part program, made by the strategy `crosses_by` where no profile names one, or else
     by `strategy`; `bias` [m] is by axis the lasting offset with which the motion
     begins. `inverse_dynamics` says whether the command leads the path by what the servo lags behind, `lead` by which
-    part of it, and `friction_part` how much of the axes' friction it leads then, whose direction turns by `friction`.
+    part of it through a window of `lead_width` times the usual one, and `friction_part` how much of the axes' friction
+    it leads then, whose direction turns by `friction`.
     `flanks`
     has the side (1, -1) on which each axis was pushed before a motion that runs through the seam of a closed path,
     and that on which a program's approach leaves it; empty for others.
@@ -195,6 +196,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     friction_part: float = 0.0
     friction: tuple[FrictionChange, ...] = ()
     lead: float = 1.0
+    lead_width: float = 1.0
     flanks: Mapping[str, int] = {}
     warnings: tuple[str, ...] = ()
 

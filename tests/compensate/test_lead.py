@@ -14,11 +14,12 @@ from support.motions import look, make_path, worst_use, zigzag
 from support.two_masses import Nominal, body_of, settling, table_of
 
 from ph_post.compensate import plan as planning
-from ph_post.compensate.lead import lead_window, smoothed, unwinding_time, weights
+from ph_post.compensate.lead import END, lead_window, memory_of_lead, smoothed, weights
 from ph_post.compensate.motion import MotionLaw, cycle_time
 from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import LEAD_SHARE, make_plan
+from ph_post.compensate.room import unwinding_time
 from ph_post.compensate.smooth_motion import rest_at_stops, smooth_motion
 from ph_post.compensate.violations import check_command
 from ph_post.drive.machinefile import read_machine
@@ -26,7 +27,7 @@ from ph_post.files.path import read_path
 from ph_post.files.storage import or_shipped
 from ph_post.geometry.curves import Arc, Line
 from ph_post.geometry.nurbs import Nurbs
-from ph_post.types import Crossing, Machine, Path, Phase, Plan
+from ph_post.types import Cascade, Crossing, Machine, Path, Phase, Plan
 
 PATHS = File(__file__).parents[2] / "paths"
 UM = 1e-6
@@ -263,8 +264,28 @@ def test_integrators_are_waited_for() -> None:
     mill = read_machine("mill")
     for ki, kd, rate in ((8.0, 0.005, 8.348486), (3.0, 0.2, 2.5)):
         machine = with_servo(mill, ki_over_kp=ki, kd_over_kp=kd, c=0.02)
-        assert unwinding_time(machine, ("X",), 0.05) == pytest.approx(np.log(0.02 * 0.05 / 2e-6) / rate, rel=1e-6)
+        assert memory_of_lead(machine.axes["X"].servo) == pytest.approx(1.0 / rate, rel=1e-6)
     assert lead_window(with_servo(mill, b=4e-6, c=0.0), ("X", "Y")).half == 8
+
+
+@pytest.mark.parametrize("braking", [0.04, 0.2])
+def test_a_motion_rests_at_its_end_for_no_longer_than_its_lead_takes(braking: float) -> None:
+    """With all of the speed fed forward e + ė/K_v = b a: braking at a for T leaves b a (1 - exp(-K_v T)) exp(-K_v t).
+
+    For the first that is 0.112 s; c v, as of a motion that stops at once, would be 0.194 s.
+    """
+    gain, quick, feed = 30.0, 200.0, 0.02
+    cascade = Cascade(position_gain=gain, velocity_gain=quick, velocity_feedforward=1.0)
+    machine = with_servo(read_machine("mill"), b=1.0 / (gain * quick), c=1.0 / gain, cascade=cascade)
+    steady = Phase(start=0.0, duration=1.0, s=0.0, speed=np.array([feed]))
+    brakes = Phase(start=1.0, duration=braking, s=feed, speed=np.array([feed, 0.0]))
+    path = make_path([Line([(0.0, 0.0), (feed * (1.0 + 0.5 * braking), 0.0)])])
+    window = lead_window(machine, ("X", "Y"))
+    found = unwinding_time(
+        machine, look(path, machine).track, MotionLaw.from_phases([steady, brakes]), replace(window, half=0)
+    )
+    left = feed / braking / (gain * quick) * (1.0 - np.exp(-gain * braking))
+    assert found == pytest.approx(np.log(left / END) / gain, abs=2e-3)
 
 
 def least_rows(length: float, axis, period: float) -> int:

@@ -59,6 +59,25 @@ def test_led_motion_on_a_plant_of_its_own(name: str, filters: str) -> None:
     assert np.abs(off).max() < 0.02 * np.abs(plain).max() or name == "100 %"
 
 
+def test_nothing_rings_behind_a_motion() -> None:
+    """Of a polynomial from rest to rest the inverse is one, v/K_v + b (a + T_i j), and nothing behind its end.
+
+    Every other row was off there by 0.07 nm, 0.5 m/s³, which threw away plans that use all of a limit of 50.
+    """
+    cascade = Cascade(position_gain=40.0, velocity_gain=230.0, current_time=2e-4)
+    axis, way, last = axis_of(cascade), 4.2e-5, 0.077
+    t = PERIOD * np.arange(400)
+    u = np.clip((t - 0.1) / last, 0.0, 1.0)
+    speed = way / last * 140.0 * u**3 * (1.0 - u) ** 3
+    acceleration = way / last**2 * 420.0 * u**2 * (1.0 - u) ** 2 * (1.0 - 2.0 * u)
+    jerk = way / last**3 * 840.0 * u * (1.0 - u) * (1.0 - 5.0 * u + 5.0 * u**2)
+    exact = speed / 40.0 + axis.servo.b * (acceleration + 2e-4 * jerk)
+    off = lead_of_motion(axis, speed, acceleration, PERIOD) - exact
+    assert np.abs(off).max() < 2.5e-9
+    behind = off[t > 0.1 + last + 0.02]
+    assert np.abs(np.diff(behind, 3)).max() / PERIOD**3 < 0.03
+
+
 def replace_deadband(drive: Drive) -> Drive:
     """A deadband is not led."""
     return Drive(**{**drive.__dict__, "deadband": 0.0})

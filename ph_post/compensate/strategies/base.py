@@ -11,7 +11,7 @@ entry point of the group ``ph_post.strategies``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Literal, Protocol, runtime_checkable
 
 import msgspec
@@ -105,7 +105,8 @@ class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `proven` asks for a proof by simulation: changes that make any error larger than the plain program's are removed.
     `friction_part` is how much of the axes' friction the command leads, where it has inverse dynamics,
     and `friction_first` [s] how long the path waits for that at its start.
-    `shorter` makes a result that takes about a part of the time that this one adds. `shifted` are axes that
+    `shorter` makes a result that takes about a part of the time that this one adds, `longer_at` one that takes more of
+    it at some windows, where what this one asks for cannot be had. `shifted` are axes that
     carry a lasting offset even if no request crosses their gap, as on a path whose turns are all corners; a part
     program can only if the motion stops at each of their reversals. `crosses_by` names the strategy by which
     crossings are made where no profile names one; by default it is the one that answers. Without `winds_up` no time
@@ -116,6 +117,7 @@ class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     requests: tuple[ProfileRequest, ...]
     proven: bool = False
     shorter: Callable[[float], StrategyResult] | None = None
+    longer_at: Callable[[Collection[int]], StrategyResult] | None = None
     shifted: tuple[str, ...] = ()
     crosses_by: str = ""
     winds_up: bool = True
