@@ -145,6 +145,19 @@ def test_a_gain_that_is_off_is_no_friction_that_differs_by_direction() -> None:
 
 
 @pytest.mark.slow
+def test_gains_that_are_off_in_a_cascade_without_an_integrator_are_named() -> None:
+    """A T_n of 5 s was fitted to it, which showed so much that viscous friction, or a filter of 0.2 ms, left less."""
+    is_named_and_sized("servo_mismatch", "unknown", "cascade", 13200)
+    result = diagnosed("single", ["servo_mismatch"], "act+motor", "cascade-load", 13200)
+    # Within the 2 % of the file's other gains friction is as good.
+    assert result["verdict"] == "ambiguous"
+    (found,) = result["findings"]
+    assert (found["name"], found["ambiguous_with"]) == ("servo_mismatch", ["viscous_friction"])
+    assert "velocity_integral_time" not in found["parameters"]
+    assert near(result)
+
+
+@pytest.mark.slow
 def test_an_origin_is_freed_where_a_held_one_leaves_more_of_the_positions() -> None:
     """The force leaves more than the noise of its rest either way; the motor 13 µm rms with the origin held."""
     is_named_and_sized("command_filter", "motor+force", "cascade-load", 8018)

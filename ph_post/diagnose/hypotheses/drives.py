@@ -267,12 +267,19 @@ FILTERS: Final = (
 
 
 def _servo_hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:
-    """Hypotheses about the numbers of a servo: of a cascade also that its feed-forward alone is off."""
+    """Hypotheses about the numbers of a servo: of a cascade also that its feed-forward alone is off.
+
+    One without T_n may have other gains and none all the same: the longest that is fitted would still show.
+    """
     if problem.plant.cascade is None:
         return (MISMATCH,)
-    cascade = problem.plant.cascade
+    cascade, names = problem.plant.cascade, _gains(problem)
     forward = _cascade_mismatch(cascade, ("velocity_feedforward",), "feed-forward")
-    return forward, _cascade_mismatch(cascade, _gains(problem), within=(forward.name,))
+    whole = _cascade_mismatch(cascade, names, within=(forward.name,))
+    if cascade.integral_rate:
+        return forward, whole
+    gains = tuple(name for name in names if name != "velocity_integral_time")
+    return forward, _cascade_mismatch(cascade, gains, "gains"), whole
 
 
 def _rigid(problem: AxisProblem) -> str:
