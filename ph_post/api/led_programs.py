@@ -28,7 +28,7 @@ from ph_post.edit.reversals import section_spans
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.paths import ProgramPath, line_words, paths_of
-from ph_post.gcode.program import AXES, LINE, RAPID, PartProgram
+from ph_post.gcode.program import AXES, LINE, RAPID, PartProgram, feed_runs
 from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress, prefixed
@@ -316,7 +316,9 @@ def _cuts(program: PartProgram, path: ProgramPath) -> list[tuple[int, int]]:
 def overridden(program: PartProgram, factor: float) -> PartProgram:
     """Return a program whose cuts run at a feed override; rapids and dwells keep their times."""
     motions = program.motions
-    return replace(program, motions=replace(motions, feed=motions.feed * factor, duration=motions.duration / factor))
+    return replace(
+        program, motions=replace(motions, feeds=feed_runs(motions.feed * factor), duration=motions.duration / factor)
+    )
 
 
 def override_errors(original: PartProgram, led: PartProgram, machine: Machine) -> tuple[OverrideError, ...]:

@@ -433,13 +433,13 @@ class ChangeWriter:
             if motions.kind[k] == RAPID or (part.high - part.low == 1.0 and part.duration is None):
                 return self._feeds.after(words.block)
             return self._inverse(MINUTE / (part.duration or whole))
-        if part.feed < motions.feed[k]:
+        if part.feed < motions.feeds.at(k):
             return self._crossing_feed(words, part, part.feed)
         if part.duration is None or self._unfed[k]:
             return self._feeds.after(words.block)
         speed = part_length(motions, k, part.low, part.high) / part.duration
         # An arc whose radii disagree by their last digit is longer than the one that was planned.
-        own = float(motions.feed[k])
+        own = motions.feeds.at(k)
         return self._digits((min(speed, own) if own > 0.0 else speed) / words.modal.units * MINUTE)
 
     def _crossing_feed(self, words: PartWords, part: MotionPart, feed: float) -> str:

@@ -238,7 +238,7 @@ class CrossingGround:
         return {
             motion: float(self._kept[motion])
             for motion in sorted(divided)
-            if self._kept[motion] < AT_SPEED * self.program.motions.feed[motion]
+            if self._kept[motion] < AT_SPEED * self.program.motions.feeds.at(motion)
         }
 
     def rounding_of(self, crossings: Collection[CrossingEdit]) -> float:

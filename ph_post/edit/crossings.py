@@ -578,7 +578,7 @@ class CrossingPlanner:
         k, end = self._locate(high)
         begin = (low - float(self._along[k])) / (float(self._along[k + 1]) - float(self._along[k]))
         timed = float(self._motions.duration[k])
-        own = (self._along[k + 1] - self._along[k]) / timed if timed > 0.0 else float(self._motions.feed[k])
+        own = (self._along[k + 1] - self._along[k]) / timed if timed > 0.0 else self._motions.feeds.at(k)
         # The table is never faster than the motion's own feed, also where the crossing begins on a slower one.
         speed = min(speed, own) * stretched if own > 0.0 else speed * stretched
         return CrossingPart(

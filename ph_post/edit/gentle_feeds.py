@@ -145,10 +145,10 @@ class _Finder:
         flat = (motions.kind == ARC) & (motions.plane == 17) & self._usual
         for arc in np.flatnonzero(flat).tolist():
             speed = math.sqrt(HELD * slows * float(np.hypot(*(motions.start[arc, :2] - motions.center[arc]))))
-            if speed < motions.feed[arc] and not why_kept_whole(self._program, arc):
+            if speed < motions.feeds.at(arc) and not why_kept_whole(self._program, arc):
                 feed[arc] = speed
         for arc in np.flatnonzero(np.isfinite(feed)).tolist():
-            speed, full = float(feed[arc]), float(motions.feed[arc])
+            speed, full = float(feed[arc]), motions.feeds.at(arc)
             self._cap(arc, 0.0, speed)
             self._lead(arc - 1, arc, speed * (back + late) + self._gap * full / (full - speed), speed)
         speed = math.sqrt(2.0 * RUN_ON * self._gap * slows)
@@ -196,7 +196,7 @@ class _Finder:
                 dips.append([(motion, low, 0.0)])
                 times.append(0.0)
             dips[-1].append((motion, high, length / speed))
-            times[-1] += length * (1.0 / speed - 1.0 / float(self._program.motions.feed[motion]))
+            times[-1] += length * (1.0 / speed - 1.0 / self._program.motions.feeds.at(motion))
         return tuple(_dip(one) for one in dips), tuple(times)
 
     def _pieces(self) -> Iterator[tuple[int, float, float, float]]:
@@ -204,7 +204,7 @@ class _Finder:
         for motion, caps in sorted(self._caps.items()):
             for low, high in pairwise(sorted({1.0, *(share for share, _ in caps)})):
                 speed = min(one for share, one in caps if share <= low)
-                if speed < self._program.motions.feed[motion]:
+                if speed < self._program.motions.feeds.at(motion):
                     yield motion, low, high, speed
 
 

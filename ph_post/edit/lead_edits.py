@@ -266,7 +266,7 @@ class LeadWriter(ChangeWriter):
             moved = np.flatnonzero(~np.isnan(end) & (end != motions.start[motion])).tolist()
             body = [self._length(AXES[column], round(motions.end[motion, column] / step)) for column in moved]
             if body:
-                self._straight(body, self._digits(motions.feed[motion] / units * MINUTE))
+                self._straight(body, self._digits(motions.feeds.at(motion) / units * MINUTE))
 
     def _length(self, name: str, count: int) -> str:
         return name + self._dialect.numbers.length(count, self._fine)

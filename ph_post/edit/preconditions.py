@@ -23,7 +23,7 @@ from ph_post.errors import InputError
 from ph_post.gcode.further import further_lines
 from ph_post.gcode.motion_parts import chord_lengths, split_cubic
 from ph_post.gcode.paths import line_words, without_feed
-from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, PLANE_AXES, RAPID, PartProgram
+from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, PLANE_AXES, RAPID, PartProgram, feed_runs
 from ph_post.gcode.working import tool_in_words, working_motions
 from ph_post.post.moves import FINEST
 from ph_post.types import ROTARY_AXES, Array, Axis, BoolArray, Machine, sealed
@@ -154,7 +154,7 @@ _OWN_ON: Final = re.compile(rb"^[ \t]*M425\b(?![^;\r\n]*F0*\.?0*(?:[^.\d]|$))", 
 
 def cutting_feed(program: PartProgram, times: Array) -> Array:
     """Feed of every motion [m/s], shape (m,); from chord and time [s] in inverse time; NaN where unknown."""
-    motions, found = program.motions, program.motions.feed.copy()
+    motions, found = program.motions, np.array(program.motions.feed)
     timed = np.flatnonzero(motions.duration > 0.0).astype(np.int32)
     time = times[timed]
     found[timed] = np.where(time > 0.0, chord_lengths(motions, timed) / np.where(time > 0.0, time, 1.0), 0.0)
@@ -186,7 +186,7 @@ def reckoned_feeds(program: PartProgram, machine: Machine) -> PartProgram:
         states = np.unique(program.state[motions.block[first:end]])
         if len({program.modal[state].feed_mode for state in states.tolist()}) > 1:
             unknown[first:end] = False
-    return replace(program, motions=replace(motions, feed=sealed(np.where(unknown, assumed, motions.feed))))
+    return replace(program, motions=replace(motions, feeds=feed_runs(np.where(unknown, assumed, motions.feed))))
 
 
 def _parted_behind(program: PartProgram, unknown: BoolArray) -> PartProgram:
@@ -203,7 +203,7 @@ def warn_reckoned(program: PartProgram, reckoned: PartProgram) -> list[str]:
     found = np.flatnonzero(np.isnan(program.motions.feed) & ~np.isnan(reckoned.motions.feed))
     if not found.size:
         return []
-    lines, feed = program.motions.block[found[[0, -1]]].tolist(), reckoned.motions.feed[found[0]]
+    lines, feed = program.motions.block[found[[0, -1]]].tolist(), reckoned.motions.feeds.at(found[0])
     return [
         f"the feed in {line_words(*lines)} is not known (G95, units of the control's own, or no F yet): the time is"
         f" reckoned with {feed / MM_PER_MIN:g} mm/min, and new lines have the feed in force"

@@ -122,7 +122,7 @@ class _Assembly:
 
     def _feeds(self) -> Array:
         """Feed of every row [m/s], 0 of rapids; of inverse times what their length makes of them."""
-        feed, duration = self.motions.feed[self.own].copy(), self.motions.duration[self.own]
+        feed, duration = np.array(self.motions.feeds.of(self.own)), self.motions.duration[self.own]
         timed = np.flatnonzero((duration > 0.0) & (self.motions.kind[self.own] != RAPID))
         start, end = self._places(timed)
         length = np.linalg.norm(end - start, axis=1)

@@ -222,8 +222,10 @@ def without_feed(program: PartProgram) -> BoolArray:
 
 
 def _without_feed(motions: Motions, rows: PlaceArray | slice) -> BoolArray:
+    if not np.isnan(motions.feeds.value).any():
+        return np.zeros(motions.kind[rows].size, dtype=np.bool_)
     known = (motions.kind[rows] == RAPID) | (motions.duration[rows] > 0.0)
-    return np.asarray(~known & np.isnan(motions.feed[rows]))
+    return np.asarray(~known & np.isnan(motions.feeds.of(rows)))
 
 
 def _lacks_feed(motions: Motions, rows: PlaceArray) -> bool:
@@ -261,6 +263,6 @@ def _path(
         closed=False,
         segments=segments,
         digest=program.digest,
-        lines=(s[1:], motions.block[in_a_row(rows)] + np.int32(1)),
+        lines=(s[1:], motions.block[in_a_row(rows)]),
     )
     return ProgramPath(path=path, chain=chain, motion=rows, s=s, cubics=cubics, warnings=warnings)

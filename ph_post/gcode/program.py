@@ -223,6 +223,54 @@ class WordSource:
             give_memory_back(self._lines)
 
 
+class FeedRuns(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Feeds of lines or of motions, NaN where they are not known.
+
+    `value` (r,) of runs of rows that begin at the rows `first` (r,); of all `count` rows where that is None, as the
+    feed changes on many of them.
+    """
+
+    value: Array
+    first: PlaceArray | None
+    count: int
+
+    def of(self, rows: IntArray | PlaceArray | slice) -> Array:
+        """Return the feeds of some rows, shape (k,)."""
+        if self.first is None:
+            return np.asarray(self.value[rows])
+        if isinstance(rows, slice):
+            low, high, _ = rows.indices(self.count)
+            high = max(low, high)
+            return np.repeat(self.value, np.diff(self.first.clip(low, high), append=high))
+        return np.asarray(self.value[self.first.searchsorted(rows.astype(np.int32, copy=False), side="right") - 1])
+
+    def at(self, row: int) -> float:
+        """Return the feed of a row."""
+        place = row if self.first is None else int(self.first.searchsorted(np.int32(row), side="right")) - 1
+        return float(self.value[place])
+
+
+_RUN: Final = 2
+"""Rows that a run has at least on the average where feeds are kept by runs."""
+
+
+def feed_runs(feed: Array) -> FeedRuns:
+    """Keep the feeds of rows (n,).
+
+    Examples
+    --------
+    >>> feeds = feed_runs(np.array([np.nan, 100.0, 100.0, 100.0, 100.0]))
+    >>> feeds.first.tolist(), feeds.of(np.array([0, 3])).tolist(), feeds.of(slice(2)).tolist(), feeds.at(4)
+    ([0, 1], [nan, 100.0], [nan, 100.0], 100.0)
+    """
+    new = np.ones(feed.size, dtype=np.bool_)
+    new[1:] = (feed[1:] != feed[:-1]) & ~(np.isnan(feed[1:]) & np.isnan(feed[:-1]))
+    if _RUN * np.count_nonzero(new) > feed.size:
+        return FeedRuns(value=sealed(feed), first=None, count=feed.size)
+    first = np.flatnonzero(new).astype(np.int32)
+    return FeedRuns(value=sealed(feed[first]), first=sealed(first), count=feed.size)
+
+
 class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The motions of a program that are understood, m of them, in order. SI units.
 
@@ -232,7 +280,7 @@ class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     and Z in the coordinates of the active work system, NaN where not known. `plane` 17, 18 or 19. Of arcs:
     `center` (m, 2) [m] of the plane's first and second axis, `angle` [rad] swept, positive from the first
     axis to the second, whole turns included; zeros for others.
-    `control` the four control points (4, 3) [m] of cubics by motion, `nurbs` the NURBS. `feed` [m/s], 0 of
+    `control` the four control points (4, 3) [m] of cubics by motion, `nurbs` the NURBS. `feeds` [m/s], 0 of
     rapids, NaN where the program does not have it (G95, no F); `duration` [s] of motions under G93, 0 of
     others. `exact` 1 where the controller stops at the end (G61, G61.1), 0 under G64 and where no path mode
     was given.
@@ -246,11 +294,16 @@ class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     plane: CodeArray
     center: Array
     angle: Array
-    feed: Array
+    feeds: FeedRuns
     duration: Array
     exact: CodeArray
     control: Mapping[int, Array]
     nurbs: Mapping[int, NurbsData]
+
+    @property
+    def feed(self) -> Array:
+        """Feeds of all motions [m/s], shape (m,): where they are few of some length, made anew each time."""
+        return self.feeds.of(slice(None))
 
 
 class Break(msgspec.Struct, frozen=True, kw_only=True):
@@ -309,45 +362,6 @@ class Modal(msgspec.Struct, frozen=True, kw_only=True):
     speed: float | None = None
 
 
-class LineFeeds(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """The F in force after each line, as the program has it, NaN before the first.
-
-    `value` (r,) of runs of lines that begin at the lines `first` (r,); of all `count` lines where that is None, as F
-    changes on many of them.
-    """
-
-    value: Array
-    first: PlaceArray | None
-    count: int
-
-    def after(self, lines: IntArray | PlaceArray) -> Array:
-        """Return the F in force after some lines, shape (k,)."""
-        if self.first is None:
-            return np.asarray(self.value[lines])
-        return np.asarray(self.value[self.first.searchsorted(lines.astype(np.int32), side="right") - 1])
-
-
-_RUN: Final = 2
-"""Lines that a run has at least on the average where feeds are kept by runs."""
-
-
-def line_feeds(feed: Array) -> LineFeeds:
-    """Keep the F in force after each line (n,).
-
-    Examples
-    --------
-    >>> feeds = line_feeds(np.array([np.nan, 100.0, 100.0, 100.0, 100.0]))
-    >>> feeds.first.tolist(), feeds.after(np.array([0, 3])).tolist()
-    ([0, 1], [nan, 100.0])
-    """
-    new = np.ones(feed.size, dtype=np.bool_)
-    new[1:] = (feed[1:] != feed[:-1]) & ~(np.isnan(feed[1:]) & np.isnan(feed[:-1]))
-    if _RUN * np.count_nonzero(new) > feed.size:
-        return LineFeeds(value=sealed(feed), first=None, count=feed.size)
-    first = np.flatnonzero(new).astype(np.int32)
-    return LineFeeds(value=sealed(feed[first]), first=sealed(first), count=feed.size)
-
-
 def narrowed(numbers: NDArray[Any]) -> NDArray[Any]:
     """Return numbers from 0 on in the narrowest type that has them all."""
     most = int(numbers.max(initial=0))
@@ -378,7 +392,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     motions: Motions
     modal: tuple[Modal, ...]
     state: NDArray[Any]
-    feeds: LineFeeds
+    feeds: FeedRuns
     breaks: tuple[Break, ...]
     notes: tuple[Note, ...]
     language: Language = RS274
@@ -431,11 +445,11 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     @property
     def feed_word(self) -> Array:
         """The F in force after each line, as the program has it, NaN before the first, shape (n,)."""
-        return self.feeds.after(np.arange(self.blocks, dtype=np.int32))
+        return self.feeds.of(slice(None))
 
     def feed_after(self, block: int) -> float:
         """Return the F in force after a line, as the program has it, NaN before the first."""
-        return float(self.feeds.after(np.array([block]))[0])
+        return self.feeds.at(block)
 
     def text(self, block: int) -> bytes:
         """Return the bytes of a line, its line end included."""

@@ -30,7 +30,7 @@ from ph_post.gcode.program import (
     PlaceArray,
     WordSource,
     WordTable,
-    line_feeds,
+    feed_runs,
     make_modal,
     narrowed,
     number_text,
@@ -316,7 +316,7 @@ def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartPr
         motions=msgspec.structs.replace(motions, chain=chain),
         modal=tuple(make_modal(row) for row in blocks.table),
         state=sealed(narrowed(blocks.states)),
-        feeds=line_feeds(blocks.feeds),
+        feeds=feed_runs(blocks.feeds),
         breaks=breaks,
         notes=notes,
         language=language,
@@ -544,13 +544,12 @@ def _make_motions(lexed: Lexed, blocks: _Blocks) -> Motions:
         "plane": plane,
         "center": center,
         "angle": angle,
-        "feed": feed,
         "duration": duration,
         "exact": exact,
     }
     for part in whole.values():
         part.setflags(write=False)
-    return Motions(**whole, control=control, nurbs=nurbs)
+    return Motions(**whole, feeds=feed_runs(feed), control=control, nurbs=nurbs)
 
 
 def _trace(lexed: Lexed, blocks: _Blocks) -> tuple[tuple[Any, ...], tuple[Any, ...], int]:

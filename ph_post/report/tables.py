@@ -16,9 +16,10 @@ from ph_post.compensate.offsets import plan_time
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.files.check import counted
+from ph_post.gcode.program import PlaceArray
 from ph_post.quantities import NOTHING, before_and_after, millimetres, seconds
 from ph_post.report.views import line_at, radius, windows_by_point
-from ph_post.types import Array, IntArray, Plan, TurningPoint
+from ph_post.types import Array, Plan, TurningPoint
 from ph_post.units import MM, MS
 
 
@@ -71,7 +72,7 @@ def _heading(analysis: Analysis) -> str:
     return f"{analysis.path.name}: {points} on {length} (lengths in mm; windows for {analysis.tolerance / MM:g} mm)\n"
 
 
-def _place_cells(point: TurningPoint, lines: tuple[Array, IntArray] | None) -> tuple[str, ...]:
+def _place_cells(point: TurningPoint, lines: tuple[Array, PlaceArray] | None) -> tuple[str, ...]:
     circle = radius(point)
     size = NOTHING if circle is None else f"{circle / MM:.4g}"
     return (

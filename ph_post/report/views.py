@@ -18,6 +18,7 @@ from ph_post.compensate.comparison import crossings_at, strategy_at, window_numb
 from ph_post.compensate.motion import cycle_time, without_strategy
 from ph_post.compensate.offsets import plan_time
 from ph_post.compensate.standstill import standing_time, standstills
+from ph_post.gcode.program import PlaceArray
 from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
 from ph_post.quantities import millimetres
@@ -28,7 +29,6 @@ from ph_post.types import (
     Command,
     Crossing,
     FeedProfile,
-    IntArray,
     Jog,
     Machine,
     Plan,
@@ -182,10 +182,10 @@ def _turning_point(analysis: Analysis, point: TurningPoint, window: Window | Non
     }
 
 
-def line_at(lines: tuple[Array, IntArray], s: float) -> int:
-    """Return the line of a part program at an arc length [m] of its path; of a joint the earlier one."""
+def line_at(lines: tuple[Array, PlaceArray], s: float) -> int:
+    """Return the line of a part program, from 1, at an arc length [m] of its path; of a joint the earlier one."""
     ends, numbers = lines
-    return int(numbers[min(int(np.searchsorted(ends, s - MEETS)), numbers.size - 1)])
+    return int(numbers[min(int(np.searchsorted(ends, s - MEETS)), numbers.size - 1)]) + 1
 
 
 def radius(point: TurningPoint) -> float | None:

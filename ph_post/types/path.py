@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Literal, Protocol
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
-from ph_post.types.arrays import Array, IntArray
+from ph_post.types.arrays import Array
 
 Sense = Literal["max", "min"]
 TurningKind = Literal["smooth", "corner", "dwell", "cusp"]
@@ -41,7 +43,7 @@ class Path(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """An analytic toolpath. `feed` in m/s; `digest` is the hash of the bytes it was read from.
 
     `remarks` say what was changed of it since then, a sentence each. `lines` are those of the part program that it was
-    read from, from 1, beside the arc lengths [m] at which they end.
+    read from, from 0, beside the arc lengths [m] at which they end.
     """
 
     name: str
@@ -52,7 +54,7 @@ class Path(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     segments: tuple[Segment, ...]
     digest: str = ""
     remarks: tuple[str, ...] = ()
-    lines: tuple[Array, IntArray] | None = None
+    lines: tuple[Array, NDArray[np.int32]] | None = None
 
 
 class TurningPoint(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):

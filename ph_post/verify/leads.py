@@ -115,7 +115,7 @@ def _check_speeds(case: VerifyCase, found: Stretches, machine: Machine) -> None:
     way = np.nan_to_num(motions.end[side.motion] - motions.start[side.motion])
     length = np.linalg.norm(way, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        speed = np.nan_to_num(np.abs(way) / length[:, None]) * motions.feed[side.motion][:, None]
+        speed = np.nan_to_num(np.abs(way) / length[:, None]) * motions.feeds.of(side.motion)[:, None]
     for column, name in enumerate(AXES):
         if name not in machine.axes:
             continue

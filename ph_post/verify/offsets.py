@@ -5,6 +5,7 @@ Only declared amounts may be added, only where that is allowed, and they are tak
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -87,7 +88,7 @@ def feeds_of(motions: Motions, side: StretchSide) -> Array:
     """Feed of each motion [m/s]; under inverse time, from its length."""
     timed = motions.duration[side.motion]
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(timed > 0.0, side.length / timed, motions.feed[side.motion]))
+        return np.asarray(np.where(timed > 0.0, side.length / timed, motions.feeds.of(side.motion)))
 
 
 def largest_of(values: Array, first: IntArray, last: IntArray) -> Array:
@@ -111,7 +112,7 @@ def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
     timed = motions.duration[jogs]
     longest, total = np.argmax(ways, axis=1), np.linalg.norm(ways, axis=1)
     with np.errstate(divide="ignore"):
-        along = np.where(timed > 0.0, total / timed, motions.feed[jogs])
+        along = np.where(timed > 0.0, total / timed, motions.feeds.of(jogs))
     unfed = np.isnan(along) & _unfed_beside(motions, cuts, jogs)
     for column, length in enumerate(ways.T):
         name, own = AXES[column], np.flatnonzero((longest == column) | (length > EXACT))
@@ -152,7 +153,7 @@ def _unfed_beside(motions: Motions, cuts: tuple[IntArray, IntArray], jogs: IntAr
     """Mask of some motions (n,) beside a cut at a feed that is not known, in the same chain."""
     found = np.zeros(jogs.size, dtype=np.bool_)
     for near in cuts if cuts[0].size else ():
-        unknown = np.isnan(motions.feed[near]) & ~(motions.duration[near] > 0.0)
+        unknown = np.isnan(motions.feeds.of(near)) & ~(motions.duration[near] > 0.0)
         found |= unknown & (motions.chain[near] == motions.chain[jogs])
     return found
 
@@ -163,7 +164,7 @@ def _feeds_with_a_beam(case: VerifyCase, cuts: tuple[IntArray, IntArray], jogs: 
     if machine.tool not in (None, "laser") or not cuts[0].size:
         return np.zeros(jogs.size)
     lit = np.array([one.spindle == "M4" and one.speed != 0.0 for one in program.modal], dtype=np.bool_)
-    before, after = (np.nan_to_num(motions.feed[near]) for near in cuts)
+    before, after = (np.nan_to_num(motions.feeds.of(near)) for near in cuts)
     return np.asarray(np.where(lit[program.state[motions.block[jogs]]], np.maximum(before, after), 0.0))
 
 
@@ -175,6 +176,10 @@ _TURN = 0.01
 
 _RELATIVE = 1e-9
 """Feeds that differ by no more of themselves are the same."""
+
+
+NumbersOf = Callable[[PlaceArray], Array]
+"""Gives numbers of some motions."""
 
 
 def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
@@ -191,8 +196,12 @@ def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
         ("path", _bent(case, pairing), "the arc is another one"),
         ("path", _bulged(case, pairing), "the spline is another one"),
         ("path", one.exact[old] != other.exact[new], "the path mode at its end is another one"),
-        ("feed", _differ(one.feed, other.feed, old, new), "the feed of the motion is another one"),
-        ("feed", _differ(one.duration, other.duration, old, new), "the time of the motion is another one"),
+        ("feed", _differ(one.feeds.of, other.feeds.of, old, new), "the feed of the motion is another one"),
+        (
+            "feed",
+            _differ(one.duration.__getitem__, other.duration.__getitem__, old, new),
+            "the time of the motion is another one",
+        ),
         (
             "offset",
             (one.kind[old] != RAPID) & changes,
@@ -216,11 +225,11 @@ def _changed_ends(places: Any, shift: Any, axis: Any, old: Any, new: Any, found:
         unknown[pair] |= np.isnan(old_end[one, axis]) != np.isnan(new_end[other, axis])
 
 
-def _differ(one: Array, other: Array, old: PlaceArray, new: PlaceArray) -> BoolArray:
-    """Mask of the pairs of motions of which numbers differ by more than rounding; two unknown ones do not."""
+def _differ(one: NumbersOf, other: NumbersOf, old: PlaceArray, new: PlaceArray) -> BoolArray:
+    """Mask of the pairs of motions whose numbers differ by more than rounding; two unknown ones do not."""
     found = np.empty(old.size, dtype=np.bool_)
     for part in in_parts(old.size):
-        a, b = one[old[part]], other[new[part]]
+        a, b = one(old[part]), other(new[part])
         found[part] = ~((np.abs(a - b) <= _RELATIVE * np.abs(a)) | (np.isnan(a) & np.isnan(b)))
     return found
 

@@ -208,7 +208,7 @@ def _check_rest(original: PartProgram, shifted: PartProgram, layer: _Layer, find
     unlike = known.number(shifted)[shifted.state[layer.own]] != known.number(original)[original.state]
     timed = np.array([modal.feed_mode == INVERSE_TIME for modal in original.modal])[original.state]
     feeds = np.isclose(
-        shifted.feeds.after(np.array(layer.own, dtype=np.int64)), original.feed_word, rtol=0.0, atol=0.0, equal_nan=True
+        shifted.feeds.of(np.array(layer.own, dtype=np.int64)), original.feed_word, rtol=0.0, atol=0.0, equal_nan=True
     )
     for old in np.flatnonzero(unlike | ~(feeds | timed))[:1].tolist():
         what = "the modal state after the block is another one"

@@ -246,8 +246,8 @@ def check_states(case: VerifyCase) -> None:
 
 def _feeds(case: VerifyCase, old: PlaceArray, new: PlaceArray) -> tuple[Array, Array]:
     """Return the F in force after lines of the original, NaN after none (-1), and of the compensated program."""
-    expected = np.where(old < 0, np.nan, case.original.feeds.after(np.maximum(old, 0)))
-    return expected, case.compensated.feeds.after(new)
+    expected = np.where(old < 0, np.nan, case.original.feeds.of(np.maximum(old, 0)))
+    return expected, case.compensated.feeds.of(new)
 
 
 def _first_ones(mask: BoolArray, lines: PlaceArray) -> list[int]:

@@ -9,7 +9,7 @@ from support.outlines import MM, Tool
 
 from ph_post.diff.curves import curve_table
 from ph_post.diff.paths import compare_paths, refine_deviations
-from ph_post.gcode.program import LINE, NURBS
+from ph_post.gcode.program import LINE, NURBS, feed_runs
 from ph_post.gcode.read import read_program
 
 SQUARE = ((10, 0), (10, 10), (0, 10), (0, 0))
@@ -161,14 +161,14 @@ def test_nothing_cannot_be_compared():
 
 def _rows_of_nothing():
     motions = Tool().line(1, 0).motions()
-    names = ("block", "kind", "chain", "start", "end", "plane", "center", "angle", "feed", "duration")
-    return {name: getattr(motions, name)[:0] for name in names}
+    names = ("block", "kind", "chain", "start", "end", "plane", "center", "angle", "duration")
+    return {"feeds": feed_runs(motions.feed[:0]), **{name: getattr(motions, name)[:0] for name in names}}
 
 
 def test_kinds_of_motions_are_told_apart_from_what_they_cut():
     a, b = square().motions(), square().motions()
     assert (a.kind == LINE).all()
-    b = replace(b, feed=2.0 * b.feed)
+    b = replace(b, feeds=feed_runs(2.0 * b.feed))
     assert compare_paths(curve_table(a), curve_table(b)).gaps.size == 0
 
 

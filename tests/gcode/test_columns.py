@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ph_post.bounds import MANY_LINES
-from ph_post.gcode.program import line_feeds, narrowed
+from ph_post.gcode.program import feed_runs, narrowed
 from ph_post.gcode.read import read_program
 from ph_post.types import unwritten
 
@@ -49,10 +49,13 @@ def test_feeds_of_lines_are_those_that_were_kept(often):
     for new in rng.random(500) < often:
         feed = float(rng.integers(1, 9)) if new else feed
         values.append(feed)
-    feeds = line_feeds(np.array(values))
+    feeds = feed_runs(np.array(values))
     lines = rng.integers(0, 500, 800)
     for kind in (np.int32, np.int64):
-        assert np.array_equal(feeds.after(lines.astype(kind)), np.array(values)[lines], equal_nan=True)
+        assert np.array_equal(feeds.of(lines.astype(kind)), np.array(values)[lines], equal_nan=True)
+    for rows in (slice(None), slice(7), slice(120, 300), slice(499, 700), slice(30, 20), slice(-4, None)):
+        assert np.array_equal(feeds.of(rows), np.array(values)[rows], equal_nan=True)
+    assert np.array_equal([feeds.at(line) for line in range(500)], values, equal_nan=True)
     assert feeds.count == 500
     assert feeds.value.size <= 500
 
@@ -65,6 +68,14 @@ def test_a_program_says_its_feed_after_each_line():
         expected = [np.nan, 300.0, *(float(k) if some else 300.0 for k in range(2, 50))]
         assert np.array_equal(program.feed_word[:50], expected, equal_nan=True)
         assert [program.feed_after(k) for k in range(1, 50)] == expected[1:]
+
+
+def test_motions_of_few_feeds_take_no_room_for_them():
+    lines = [b"G1 X%d Y1" % (k % 2) for k in range(5000)]
+    program = read_program(b"\n".join([b"G21 G90 G94 F600", *lines, b"G0 X9", b"G1 X5", b"M2", b""]), "feeds")
+    feeds = program.motions.feeds
+    assert feeds.value.tolist() == [0.01, 0.0, 0.01]
+    assert program.motions.feed.tolist() == [*[0.01] * 5000, 0.0, 0.01]
 
 
 @pytest.mark.parametrize("most", [0, 127, 128, 32767, 32768, 2_000_000])

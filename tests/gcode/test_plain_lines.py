@@ -32,7 +32,10 @@ def found(program):
     yield from (words.block, words.letter, words.value, words.decimals, words.digits)
     yield from ((ends - program.lines[words.block]) for ends in (words.start, words.end))
     yield from (program.state, program.feed_word)
-    yield from (getattr(motions, name) for name in motions.__struct_fields__ if name not in ("control", "nurbs"))
+    yield from (
+        getattr(motions, name) for name in motions.__struct_fields__ if name not in ("feeds", "control", "nurbs")
+    )
+    yield motions.feed
 
 
 @pytest.mark.parametrize("seed", range(40))

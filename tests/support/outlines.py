@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ph_post.gcode.program import ARC, CUBIC, LINE, RAPID, Motions
+from ph_post.gcode.program import ARC, CUBIC, LINE, RAPID, Motions, feed_runs
 
 MM = 1e-3
 
@@ -50,7 +50,7 @@ class Tool:
             plane=np.full(count, 17),
             center=MM * center.reshape(-1, 2),
             angle=angle,
-            feed=MM * feed,
+            feeds=feed_runs(MM * feed),
             duration=np.zeros(count),
             exact=np.zeros(count, dtype=np.int64),
             control=self.control,

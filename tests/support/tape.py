@@ -20,7 +20,7 @@ from ph_post.gcode.program import (
     PartProgram,
     WordSource,
     WordTable,
-    line_feeds,
+    feed_runs,
 )
 
 MM = 1e-3
@@ -102,7 +102,7 @@ class Tape:
             plane=column("plane"),
             center=column("center"),
             angle=column("angle"),
-            feed=column("feed"),
+            feeds=feed_runs(column("feed")),
             duration=column("duration"),
             exact=np.zeros(count, dtype=np.int64),
             control={k: row["control"] for k, row in enumerate(rows) if "control" in row},
@@ -130,7 +130,7 @@ class Tape:
             motions=self.motions(),
             modal=(Modal(),),
             state=np.zeros(count, dtype=np.int64),
-            feeds=line_feeds(np.full(count, self.feed)),
+            feeds=feed_runs(np.full(count, self.feed)),
             breaks=ends,
             notes=(),
         )

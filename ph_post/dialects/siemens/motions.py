@@ -16,7 +16,7 @@ from ph_post.gcode.arcs import swept_angle
 from ph_post.gcode.blocks import Feed
 from ph_post.gcode.curves import curves_of
 from ph_post.gcode.motion_parts import place
-from ph_post.gcode.program import ARC, AXES, NURBS, PLANE_AXES, Motions, NurbsData, PartProgram
+from ph_post.gcode.program import ARC, AXES, NURBS, PLANE_AXES, Motions, NurbsData, PartProgram, feed_runs
 from ph_post.geometry.bernstein import from_power, restrict
 from ph_post.geometry.piecewise import MEETS
 from ph_post.types import Array, IntArray, sealed
@@ -131,7 +131,7 @@ def _with_profiles(
     divided: dict[int, _Parts] = {}
     refused: dict[int, str] = {}
     for line, row in motion_rows(motions, profiles):
-        if line > 0 and not np.isnan(motions.feed[row]):
+        if line > 0 and not math.isnan(motions.feeds.at(row)):
             speed = program.modal_after(line).units / MINUTE
             before = program.feed_after(line - 1) * speed
             found = None if np.isnan(before) else _parts(motions, row, before, profiles[line], speed)
@@ -174,12 +174,13 @@ def _expanded(motions: Motions, divided: Mapping[int, _Parts], first: IntArray) 
     columns = {
         name: getattr(motions, name)[source].copy()
         for name in Motions.__struct_fields__
-        if name not in ("control", "nurbs")
+        if name not in ("feeds", "control", "nurbs")
     }
+    feed = np.array(motions.feeds.of(source))
     nurbs = {int(first[row]): one for row, one in motions.nurbs.items() if row not in divided}
     for row, parts in divided.items():
         rows = slice(int(first[row]), int(first[row + 1]))
-        columns["feed"][rows] = parts.feeds
+        feed[rows] = parts.feeds
         if motions.kind[row] == NURBS:
             pieces = _pieces(motions, row, parts.edges)
             nurbs |= zip(range(rows.start, rows.stop), pieces, strict=True)
@@ -191,7 +192,8 @@ def _expanded(motions: Motions, divided: Mapping[int, _Parts], first: IntArray) 
         points = np.array([motions.start[row], *inner, motions.end[row]])
         columns["start"][rows], columns["end"][rows] = points[:-1], points[1:]
     control = {int(first[row]): one for row, one in motions.control.items()}
-    return Motions(**{name: sealed(column) for name, column in columns.items()}, control=control, nurbs=nurbs)
+    whole = {name: sealed(column) for name, column in columns.items()}
+    return Motions(**whole, feeds=feed_runs(feed), control=control, nurbs=nurbs)
 
 
 def _pieces(motions: Motions, row: int, edges: Array) -> list[NurbsData]:

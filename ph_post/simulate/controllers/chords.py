@@ -18,7 +18,7 @@ from ph_post.gcode.curves import curves_of
 from ph_post.gcode.program import ARC, CUBIC, NURBS, RAPID, Motions, PartProgram
 from ph_post.simulate.controllers.legs import NURBS_SPANS, SHORTEST, Legs
 from ph_post.simulate.controllers.unknown import known_ends
-from ph_post.types import Array, BoolArray, ExactPath, GrblChords, IntArray, KlipperChords, unwritten
+from ph_post.types import Array, BoolArray, ExactPath, GrblChords, IntArray, KlipperChords, sealed, unwritten
 from ph_post.units import MINUTE
 
 _WIDEST: Final = 0.1
@@ -41,13 +41,16 @@ _COUNTABLE: Final = 1e15
 """Chords of one arc that are counted; far fewer are run."""
 
 
+_NOTHING: Final = sealed(np.zeros(0))
+
+
 class StraightBlocks(NamedTuple):
     """Straight blocks, n of them, in the order of travel. SI units.
 
     `start`, `end`, `unit` (n, 3); `length`, `speed` [m/s] and `push`, the acceleration [m/s²] (n,). `motion` is the
     program's motion that each is part of, from `share0` to `share1` of it. `joined` is false where a block begins at
-    rest, after the axes waited for `pause` [s]. Of a program of which no row is wanted `start`, `end`, `share0` and
-    `share1` are empty.
+    rest, after the axes waited for `pause` [s]. Of a program of which no row is wanted `start`, `end`, `unit`, `share0`
+    and `share1` are empty, and `corner` (n,) has what corners allow where blocks begin [m²/s²], as if all were joined.
     """
 
     start: Array
@@ -61,6 +64,7 @@ class StraightBlocks(NamedTuple):
     share1: Array
     joined: BoolArray
     pause: Array
+    corner: Array = _NOTHING
 
 
 def straight_blocks(
@@ -251,7 +255,7 @@ def _asked(program: PartProgram, legs: Legs, planner: ExactPath) -> Array:
     others = np.full(asked.size, math.inf)
     if planner.rapid_feed is not None:
         units = np.array([state.units for state in program.modal] or [1.0])[program.state[motions.block]]
-        words = program.feeds.after(motions.block) * units / MINUTE
+        words = program.feeds.of(motions.block) * units / MINUTE
         others = np.where(words > 0.0, words, planner.rapid_feed)
     return np.asarray(np.maximum(np.where(free, others, asked), planner.least_feed))
 
@@ -286,10 +290,10 @@ def without_rests(blocks: StraightBlocks) -> StraightBlocks:
     return blocks._replace(joined=np.zeros(0, dtype=np.bool_), pause=np.zeros(0))
 
 
-def without_places(blocks: StraightBlocks) -> StraightBlocks:
-    """Return blocks of which no row is wanted."""
-    nothing = np.zeros(0)
-    return blocks._replace(start=np.zeros((0, 3)), end=np.zeros((0, 3)), share0=nothing, share1=nothing)
+def without_places(blocks: StraightBlocks, corner: Array) -> StraightBlocks:
+    """Return blocks of which no row is wanted, with what corners allow [m²/s²]."""
+    place = np.zeros((0, 3))
+    return blocks._replace(start=place, end=place, unit=place, share0=_NOTHING, share1=_NOTHING, corner=corner)
 
 
 def join_blocks(parts: list[StraightBlocks]) -> StraightBlocks:

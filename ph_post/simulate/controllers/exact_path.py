@@ -247,18 +247,20 @@ def _squares(blocks: StraightBlocks, limit: Array, planner: ExactPath, limits: A
 
 
 def count_periods(
-    blocks: StraightBlocks, limit: Array, planner: ExactPath, limits: Array, period: float, program: PartProgram
+    blocks: StraightBlocks, planner: ExactPath, limits: Array, period: float, program: PartProgram
 ) -> int:
-    """Count the periods that blocks take, as :func:`plan_exact`, which raises the same.
+    """Count the periods that blocks of which no row is wanted take, as :func:`plan_exact`, which raises the same.
 
-    `limit` is what corners allow, and is overwritten; neither places nor directions of the blocks are needed.
+    Their `corner` is overwritten.
     """
-    squares = _squares(blocks, limit, planner, limits)
-    took, begin = np.empty(blocks.length.size), 0.0
+    took, begin = blocks.corner, 0.0
+    took[~blocks.joined] = 0.0
+    squares = _squares(blocks, took, planner, limits)
     for part in in_parts(took.size):
         times = block_times(squares(part), blocks.length[part], blocks.push[part]).sum(axis=1)
         # Summed in their order, as all of them together are.
         ends = np.cumsum(np.append(begin, blocks.pause[part] + times))
+        # The limits of these blocks are not needed any more.
         took[part], begin = blocks.pause[part] + times, float(ends[-1])
     check_duration(program, blocks.motion, took, period)
     total = begin - float(times[-1]) + float(times[-1])

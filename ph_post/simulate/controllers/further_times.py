@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from ph_post.dialects.registry import find_dialect, is_dialect
 from ph_post.gcode.further import further_moves, unit_of
 from ph_post.gcode.motion_parts import places_along
-from ph_post.gcode.program import AXES, RAPID, PartProgram
+from ph_post.gcode.program import AXES, RAPID, PartProgram, feed_runs
 from ph_post.types import Array, Limits, Machine, sealed
 from ph_post.units import MINUTE
 
@@ -44,7 +44,7 @@ def with_further_times(program: PartProgram, machine: Machine) -> PartProgram:
             np.maximum.at(least, moves.block, time)
     rests = {block: _alone(program, block, least[block], squares[block]) for block in np.flatnonzero(squares).tolist()}
     row = np.flatnonzero(squares[motions.block])
-    feed, duration = motions.feed.copy(), motions.duration.copy()
+    feed, duration = np.array(motions.feed), motions.duration.copy()
     length = np.diff(places_along(motions))
     whole = is_dialect(machine.dialect) and find_dialect(machine.dialect).abilities.feed_along_all
     for k in row.tolist():
@@ -59,7 +59,7 @@ def with_further_times(program: PartProgram, machine: Machine) -> PartProgram:
                 duration[k] = max(duration[k], least[block])
             elif feed[k] > 0.0:
                 feed[k] = length[k] / max(way / feed[k], least[block])
-    slower = replace(motions, feed=sealed(feed), duration=sealed(duration))
+    slower = replace(motions, feeds=feed_runs(feed), duration=sealed(duration))
     return replace(program, motions=slower, rests={block: time for block, time in rests.items() if time > 0.0})
 
 

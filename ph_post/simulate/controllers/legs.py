@@ -126,7 +126,7 @@ def _spline(legs: Legs, row: int, motions: Motions, limits: Array) -> Legs:
         _put(found, k, arc)
     found.origin[:, 2] = legs.origin[row, 2]
     _put_limits(found, limits[:2].min(axis=0))
-    asked = float(motions.feed[number])
+    asked = motions.feeds.at(number)
     found.speed[:] = np.minimum(found.most, asked) if asked > 0.0 else found.most
     return found
 

@@ -179,7 +179,7 @@ def _linked(legs: Legs, program: PartProgram, limits: Array, otherwise: float) -
     joined.share0[:] = (ways[first] - ways[last]) / (ways[last + 1] - ways[last])
     joined.pause[:], joined.drains[:] = legs.pause[first], legs.drains[first]
     # What F asks for is not the last move's own speed: one that goes nowhere has none.
-    asked = np.where(motions.duration[last] > 0.0, legs.speed[last], motions.feed[last])
+    asked = np.where(motions.duration[last] > 0.0, legs.speed[last], motions.feeds.of(last))
     free = (legs.rapid[last] == 1.0) | ~(asked > 0.0)
     joined.speed[:] = np.where(rows, np.where(free, joined.most, np.minimum(asked, joined.most)), joined.speed)
     return joined

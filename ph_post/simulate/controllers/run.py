@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from ph_post.bounds import MOST_SAMPLES, give_memory_back
 from ph_post.dialects.planners import planner_of
 from ph_post.drive.cascade import response_time
-from ph_post.gcode.program import AXES, Motions, PartProgram
+from ph_post.gcode.program import AXES, Motions, PartProgram, feed_runs
 from ph_post.simulate.controllers.chords import (
     StraightBlocks,
     join_blocks,
@@ -123,9 +123,7 @@ class PlannedRun:
         else:
             blocks = _blocks(self._program, limits, self._planner, period, longest)
             if blocks.length.size and not blocks.start.size:
-                corners = corner_limits(blocks, self._planner, limits)
-                blocks = blocks._replace(unit=np.zeros((0, 3)))
-                self._periods = count_periods(blocks, corners, self._planner, limits, period, self._program)
+                self._periods = count_periods(blocks, self._planner, limits, period, self._program)
             else:
                 self._exact = plan_exact(blocks, self._planner, limits, period, self._program)
                 self._periods = self._exact.periods
@@ -205,7 +203,7 @@ def _blocks(
     Of a program that takes longer than `longest` [s] they have what its time needs.
     """
     parts: list[StraightBlocks] = []
-    begin, least = np.zeros(3), 0.0
+    begin, least, counted, last = np.zeros(3), 0.0, 0, None
     stops = stops_before(program)
     program.source.let_go()
     for first in range(0, max(program.motions.kind.size, 1), PART):
@@ -214,8 +212,10 @@ def _blocks(
         made = straight_blocks(part, bare_legs(part, limits, start, end), limits, planner, begin)
         parts.append(without_rests(made._replace(motion=made.motion + np.int32(first))))
         begin, least = end[-1] if end.size else begin, least + float((made.length / made.speed).sum())
-        if least > longest:
-            parts = [without_places(one) for one in parts]
+        while least > longest and counted < len(parts):
+            # What corners need of the blocks is as large as all else.
+            parts[counted], last = _counted(parts[counted], last, limits, planner)
+            counted += 1
     give_memory_back(program.blocks)
     blocks = join_blocks(parts)
     pause, joined = rests_before(*stops, blocks.motion, planner)
@@ -226,13 +226,26 @@ def _blocks(
     return blocks
 
 
+def _counted(
+    blocks: StraightBlocks, before: StraightBlocks | None, limits: Array, planner: ExactPath
+) -> tuple[StraightBlocks, StraightBlocks | None]:
+    """Return blocks of which no row is wanted, and the last of them; `before` is the last block before them."""
+    last = StraightBlocks._make(column[-1:] for column in blocks) if blocks.length.size else before
+    own = blocks if before is None else join_blocks([before, blocks])
+    corner = corner_limits(own._replace(joined=np.ones(own.length.size, dtype=np.bool_)), planner, limits)
+    return without_places(blocks, corner[own.length.size - blocks.length.size :]), last
+
+
 def _part_of(program: PartProgram, first: int, last: int) -> PartProgram:
     """Return a program with the motions from `first` to before `last` alone."""
     motions, rows = program.motions, slice(first, last)
-    own = {name: getattr(motions, name)[rows] for name in motions.__struct_fields__ if name not in ("control", "nurbs")}
+    others = ("feeds", "control", "nurbs")
+    own = {name: getattr(motions, name)[rows] for name in motions.__struct_fields__ if name not in others}
     control = {k - first: points for k, points in motions.control.items() if first <= k < last}
     nurbs = {k - first: curve for k, curve in motions.nurbs.items() if first <= k < last}
-    return replace(program, motions=Motions(**own, control=control, nurbs=nurbs))
+    return replace(
+        program, motions=Motions(**own, feeds=feed_runs(motions.feeds.of(rows)), control=control, nurbs=nurbs)
+    )
 
 
 def _moves(program: PartProgram, limits: Array, planner: RoundedPath, period: float) -> tuple[Legs, float]:

@@ -259,6 +259,7 @@ def test_the_parts_in_which_a_program_is_planned_do_not_show(dialect, room, monk
     part = program(*IN_PARTS, dialect=dialect)
     whole = run_program(part, machine)
     monkeypatch.setattr(sys.modules[PlannedRun.__module__], "ROOM", room)
+    monkeypatch.setattr(sys.modules[PlannedRun.__module__], "PART", room)
     found = PlannedRun(part, machine)
     command = found.command()
     for name in ("position", "segment", "xi", "s"):
