@@ -147,7 +147,7 @@ class ChangeWriter:
             elif 1.0 in task.stops:
                 last = block if late is None else late
                 yield from self._move_to(last + 1)
-                self._behind(task, last, self._carried.word[task.motion].astype(np.int64))
+                self._behind(task, last, self._carried.word_of(task.motion))
         yield from self._move_to(self._program.blocks + 1)
 
     def _take_in(self, block: int) -> None:
@@ -284,7 +284,7 @@ class ChangeWriter:
                 self._line(words, part, offset)
             if self._program.motions.kind[task.motion] == RAPID:
                 # A rapid has changed the offset by its own word.
-                offset[:] = self._carried.word[task.motion]
+                offset[:] = self._carried.word_of(task.motion)
                 words.begin(offset)
             if part.duration is not None and "feed" not in self._change.label:
                 self._change.label.append("feed")
@@ -362,7 +362,7 @@ class ChangeWriter:
         owners, nothing = program.centre_lines, np.zeros(3, dtype=np.int64)
         for line in sorted(program.centre_users):
             pole, arc = program.centre_users[line]
-            wanted = self._carried.word[motion_of[line]].astype(np.int64) if arc else nothing
+            wanted = self._carried.word_of(int(motion_of[line])) if arc else nothing
             before, now = at.get(pole, (pole, wanted if owners.get(pole) == line and pole not in replaced else nothing))
             if bisect_right(setting, line) > bisect_right(setting, before):
                 now = wanted
@@ -395,7 +395,7 @@ class ChangeWriter:
         shift = nothing
         if users and program.centre_users[users[0]][1]:
             motion = int(np.searchsorted(program.motions.block, np.int32(users[0])))
-            shift = self._carried.word[motion].astype(np.int64)
+            shift = self._carried.word_of(motion)
         self._change.lines.append(spelling.centre(self._centre_place(pole, shift)))
 
     @property

@@ -183,13 +183,18 @@ def _copy(source: Any, low: Any, high: Any, out: Any, at: Any) -> Any:
 class MotionOffsets(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Offsets of motions in whole steps of the last decimal.
 
-    `after` (r, 3) at the ends of the runs of motions that begin with `first` (r,); `word` (m, 3) the one that the end
-    word of each motion carries, ahead of a stop at its end.
+    `after` (r, 3) at the ends of the runs of motions that begin with `first` (r,); `word` (q, 3) the one that the end
+    words of the runs carry that begin with `begins` (q,), ahead of a stop at their end.
     """
 
     first: IntArray
     after: NDArray[np.int32]
+    begins: IntArray
     word: NDArray[np.int32]
+
+    def word_of(self, motion: int) -> IntArray:
+        """Offset that the end word of a motion carries."""
+        return np.asarray(self.word[int(self.begins.searchsorted(motion, side="right")) - 1], dtype=np.int64)
 
     def before(self, motion: int) -> IntArray:
         """Offset at the start of a motion, ahead of any stop there."""
@@ -207,14 +212,17 @@ class ShiftedWords(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def motion_offsets(offset: OffsetRuns, tasks: Sequence[MotionEdit], step: float) -> MotionOffsets:
     """Round offsets to steps [m], at the end of every motion and in its words ahead of a stop there."""
     after = np.rint(offset.value / step).astype(np.int32)
-    word = np.repeat(after, offset.lengths, axis=0)
-    for task in tasks:
+    alone = np.array([task.motion for task in tasks], dtype=np.int64)
+    begins = np.unique(np.concatenate([offset.first, alone, alone + 1]))
+    begins = begins[begins < offset.count]
+    word = after[np.searchsorted(offset.first, begins, side="right") - 1]
+    for task, run in zip(tasks, np.searchsorted(begins, alone).tolist(), strict=True):
         if 1.0 in task.stops:
-            word[task.motion] -= net_shift(task.stops[1.0], step).astype(np.int32)
+            word[run] -= net_shift(task.stops[1.0], step).astype(np.int32)
         if not task.whole:
             # Its line is written anew, with words of its own.
-            word[task.motion] = 0
-    return MotionOffsets(first=offset.first, after=after, word=word)
+            word[run] = 0
+    return MotionOffsets(first=offset.first, after=after, begins=begins, word=word)
 
 
 def net_shift(stop: StopEdit, step: float) -> IntArray:
@@ -268,7 +276,7 @@ def shifted_words(program: PartProgram, found: MotionOffsets) -> ShiftedWords:
         program.absolute_centres(),
         motions.kind,
         (found.first, found.after),
-        found.word,
+        (found.begins, found.word),
     )
     if program.language.diameters:
         delta = np.where(words.letter[word] == ord("X"), 2 * delta, delta)
@@ -276,24 +284,27 @@ def shifted_words(program: PartProgram, found: MotionOffsets) -> ShiftedWords:
 
 
 @lean
-def _delta(letter: Any, absolute: Any, arc_absolute: Any, k: Any, kind: Any, after: Any, word: Any) -> Any:
+def _delta(letter: Any, absolute: Any, arc_absolute: Any, k: Any, kind: Any, after: Any, word: Any, run: Any) -> Any:
     """Return the steps added to a word of a motion; under G91 only a rapid changes an offset by its own word.
 
     Of centres only those of arcs are absolute: I and J of a G5 always begin at its start.
     """
     if letter < 88:
-        return int(word[k, letter - 73]) if arc_absolute and kind[k] == ARC else 0
+        return int(word[run, letter - 73]) if arc_absolute and kind[k] == ARC else 0
     axis = letter - 88
     if absolute:
-        return int(word[k, axis])
+        return int(word[run, axis])
     if kind[k] != RAPID:
         return 0
-    return int(word[k, axis]) - (int(after[1][_run_of(after[0], k - 1), axis]) if k > 0 else 0)
+    return int(word[run, axis]) - (int(after[1][_run_of(after[0], k - 1, 0), axis]) if k > 0 else 0)
 
 
 @lean
-def _run_of(first: Any, motion: Any) -> Any:
-    """Return the run to which a motion belongs, by their first motions."""
+def _run_of(first: Any, motion: Any, near: Any) -> Any:
+    """Return the run to which a motion belongs, by their first motions: for the most part `near`, or the next one."""
+    for run in range(near, min(near + 2, first.size)):
+        if first[run] <= motion and (run + 1 == first.size or motion < first[run + 1]):
+            return run
     low, high = 0, first.size
     while high - low > 1:
         middle = (low + high) // 2
@@ -307,12 +318,13 @@ def _gather(words: Any, owner: Any, absolute: Any, arc_absolute: Any, kind: Any,
     letter, block, decimals = words
     found, delta, size = np.empty(0, np.int32), np.empty(0, np.int32), 0
     for write in range(2):
-        size = 0
+        size, run = 0, 0
         for w in range(letter.size):
             c, line = np.int64(letter[w]), block[w]
             if not (88 <= c <= 90 or 73 <= c <= 75) or owner[line] < 0 or decimals[w] < 0:
                 continue
-            more = _delta(c, absolute[line], arc_absolute[line], owner[line], kind, after, word)
+            run = _run_of(word[0], owner[line], run)
+            more = _delta(c, absolute[line], arc_absolute[line], owner[line], kind, after, word[1], run)
             if more != 0:
                 if write:
                     found[size], delta[size] = w, more

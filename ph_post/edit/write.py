@@ -184,7 +184,9 @@ def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
     if declaration.closing:
         label = "own compensation"
         changes.append(Change(block=program.blocks, removed=0, lines=[declaration.closing], label=[label]))
-    return _with_payload(program, *_assemble_text(program, numbers, changes, dialect, declaration), dialect)
+    body, payload = _assemble_text(program, numbers, changes, dialect, declaration)
+    del numbers, changes  # as large as the text
+    return _with_payload(program, body, payload, dialect)
 
 
 def _numbers_and_changes(
@@ -277,6 +279,11 @@ def _assemble_text(
     program: PartProgram, numbers: ShiftedNumbers, changes: list[Change], dialect: Dialect, declaration: Declaration
 ) -> tuple[bytes, Payload]:
     """Assemble the new text, and the payload that undoes it."""
+    words = program.words
+    block, letter, start, end = words.block, words.letter, words.start, words.end
+    # The words are several times as large as the text, of which there will be three: each column goes when it is used.
+    del words
+    program.source.let_go()
     ending, line = line_end(program), head_line(program)
     data = program.data if program.data.endswith((b"\n", b"\r")) else program.data + ending.encode()
     lines = np.append(program.lines[:-1], len(data))
@@ -289,11 +296,6 @@ def _assemble_text(
         outside[first:last] = False
     sizes = np.append(0, np.cumsum([len(text) for text in texts]))
     spans = np.column_stack([lines[np.array(places)], sizes[:-1], sizes[1:]]).astype(np.int64)
-    words = program.words
-    block, letter, start, end = words.block, words.letter, words.start, words.end
-    # The words are several times as large as the text, of which there will be three: each column goes when it is used.
-    del words
-    program.source.let_go()
     kept = outside[block[numbers.word]]
     odd = np.flatnonzero(numbers.odd[kept])
     payload = Payload(
@@ -312,6 +314,7 @@ def _assemble_text(
     start, end = start[numbers.word] + 1, end[numbers.word]
     text = np.frombuffer(b"".join(texts), np.uint8)
     out = assemble(np.frombuffer(data, np.uint8), start, end, sealed(numbers.pool), numbers.bounds, spans, text)
+    del start, end
     _check_lines(program, out, dialect)
     return out.tobytes(), payload
 

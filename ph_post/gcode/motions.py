@@ -213,7 +213,8 @@ def _write_motion(
         feed[row], duration[row] = np.nan, 0.0 if np.isnan(word) else 60.0 / word
     elif task != RAPID:
         feed[row] = word * modes[UNITS] / 60.0 if modes[FEED_MODE] == 94.0 else np.nan
-    exact[row] = modes[PATH] == 610.0 or modes[PATH] == 611.0
+    if modes[PATH] == 610.0 or modes[PATH] == 611.0:
+        exact[row] = 1
     return True
 
 
@@ -291,7 +292,7 @@ def trace_motions(  # noqa: C901, PLR0912, PLR0915
     state, F, task and why it is not understood, to which arcs and splines from unknown places are added;
     `anchors` those of :func:`find_anchors`.
     `columns` to fill: block, kind, start, end, plane, feed, duration, exact; `curves`: centre, angle and
-    turns as the words have them. Durations and curves are zeros, and stay so where nothing is written:
+    turns as the words have them. Durations, curves and exact stops are zeros, and stay so where nothing is written:
     memory that nothing is written to takes no room. Where starts have room `shared` with the ends of the motions
     before them, -1 is returned if one begins elsewhere.
     """

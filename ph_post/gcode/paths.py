@@ -263,6 +263,6 @@ def _path(
         closed=False,
         segments=segments,
         digest=program.digest,
-        lines=(s[1:], motions.block[in_a_row(rows)]),
+        lines=(s[1:], rows, motions.block),
     )
     return ProgramPath(path=path, chain=chain, motion=rows, s=s, cubics=cubics, warnings=warnings)

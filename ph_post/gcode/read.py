@@ -386,7 +386,7 @@ def _resolve(lexed: Lexed, data: bytes, language: Language) -> _Blocks:
     count = lexed.lines.size - 1
     states, feeds, tasks = np.zeros(count, np.int32), np.full(count, np.nan), np.zeros(count, np.uint8)
     motions, zeros = np.full(count, -1, np.int16), np.full(count, -1, np.int16)
-    flags, marks = np.zeros(count, np.uint8), np.zeros(count, np.uint8)
+    flags, marks = np.zeros(count, np.uint8), unwritten(count, np.uint8)
     columns = (states, feeds, motions, zeros, flags, marks, lexed.whys, lexed.spots)
     text = (lexed.words.block, lexed.words.letter, lexed.words.value)
     stretches = find_stretches(lexed, data)
@@ -522,10 +522,11 @@ def _make_motions(lexed: Lexed, blocks: _Blocks) -> Motions:
         if drawn is None:
             continue
         *own, duration, exact = columns
-        block, kind, start, end, plane, feed, exact = (_cut(column, count) for column in (*own, exact))
+        block, kind, start, end, plane, feed = (_cut(column, count) for column in own)
         # Copies of these would be written to.
-        duration, center, angle, turns = (column[:count] for column in (duration, *curves))
-        inches = (blocks.table[:, codes.UNITS] == INCH)[blocks.states[block]]
+        duration, exact, center, angle, turns = (column[:count] for column in (duration, exact, *curves))
+        inch = blocks.table[:, codes.UNITS] == INCH
+        inches = inch[blocks.states[block]] if inch.any() else unwritten(count, np.bool_)
         faults, radii = unwritten(block.size, np.uint8), unwritten((block.size, 2))
         if not solve_arcs(start, end, plane, turns, inches, center, angle, faults, radii):
             break
@@ -569,7 +570,7 @@ def _trace(lexed: Lexed, blocks: _Blocks) -> tuple[tuple[Any, ...], tuple[Any, .
             np.empty(room, np.int8),
             np.empty(room),
             unwritten(room),
-            np.empty(room, np.int8),
+            unwritten(room, np.int8),
         )
         curves = (unwritten((room, 2)), unwritten(room), unwritten(room, np.int16))
         count = int(trace_motions(text, modal, blocks.last, anchors, columns, curves, shared))

@@ -11,7 +11,7 @@ import numpy as np
 from ph_post.errors import InputError
 from ph_post.gcode import arcs, codes, lexer
 from ph_post.gcode.program import ByteArray, PlaceArray, WordTable, long_numbers
-from ph_post.types import IntArray, sealed
+from ph_post.types import IntArray, sealed, unwritten
 
 WIDTH = 100
 """Columns of a source line that are shown."""
@@ -203,7 +203,7 @@ def _read_words(text: ByteArray, lines: PlaceArray, room: int) -> Lexed:
     blocks, starts, ends = (np.empty(room, np.int32) for _ in range(3))
     out = (blocks, np.empty(room, np.uint8), starts, ends, np.empty(room), np.empty(room, np.int16))
     traits, whys = np.zeros(lines.size - 1, np.uint8), np.zeros(lines.size - 1, np.uint8)
-    spots = np.zeros(lines.size - 1, np.int32)
+    spots = unwritten(lines.size - 1, np.int32)
     count, end = lexer.lex(text, lines, out, traits, whys, spots)
     block, letter, start, stop, value, decimals = (_cut(column, count) for column in out)
     long = {

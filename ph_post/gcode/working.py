@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from ph_post.gcode.program import RAPID, PartProgram
-from ph_post.types import BoolArray, Tool, sealed
+from ph_post.types import BoolArray, Tool, sealed, unwritten
 
 _EXTRUDES: Final = re.compile(
     rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Gg]0*[0-3](?![\d.])[^\r\n;E]*E[ \t]*[-+]?[\d.]*[1-9]", re.MULTILINE | re.IGNORECASE
@@ -113,7 +113,7 @@ def working_motions(program: PartProgram, stated: Tool | None) -> WorkingMotions
     motions = program.motions
     tool: Tool = stated or (tool_in_words(program) or ("cutter", 0))[0]
     cuts = motions.kind != RAPID
-    nowhere = np.zeros(cuts.size, dtype=np.bool_)
+    nowhere = unwritten(cuts.size, np.bool_)
     burns = follows = nowhere
     if tool == "cutter":
         on = stays = cuts

@@ -72,7 +72,7 @@ def _heading(analysis: Analysis) -> str:
     return f"{analysis.path.name}: {points} on {length} (lengths in mm; windows for {analysis.tolerance / MM:g} mm)\n"
 
 
-def _place_cells(point: TurningPoint, lines: tuple[Array, PlaceArray] | None) -> tuple[str, ...]:
+def _place_cells(point: TurningPoint, lines: tuple[Array, PlaceArray, PlaceArray] | None) -> tuple[str, ...]:
     circle = radius(point)
     size = NOTHING if circle is None else f"{circle / MM:.4g}"
     return (

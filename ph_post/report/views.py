@@ -182,10 +182,10 @@ def _turning_point(analysis: Analysis, point: TurningPoint, window: Window | Non
     }
 
 
-def line_at(lines: tuple[Array, PlaceArray], s: float) -> int:
+def line_at(lines: tuple[Array, PlaceArray, PlaceArray], s: float) -> int:
     """Return the line of a part program, from 1, at an arc length [m] of its path; of a joint the earlier one."""
-    ends, numbers = lines
-    return int(numbers[min(int(np.searchsorted(ends, s - MEETS)), numbers.size - 1)]) + 1
+    ends, motions, numbers = lines
+    return int(numbers[motions[min(int(np.searchsorted(ends, s - MEETS)), motions.size - 1)]]) + 1
 
 
 def radius(point: TurningPoint) -> float | None:

@@ -42,8 +42,8 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class Path(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """An analytic toolpath. `feed` in m/s; `digest` is the hash of the bytes it was read from.
 
-    `remarks` say what was changed of it since then, a sentence each. `lines` are those of the part program that it was
-    read from, from 0, beside the arc lengths [m] at which they end.
+    `remarks` say what was changed of it since then, a sentence each. `lines` are the arc lengths [m] at which
+    motions of the part program end that it was read from, their numbers, and the lines (from 0) of all motions of it.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Path(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     segments: tuple[Segment, ...]
     digest: str = ""
     remarks: tuple[str, ...] = ()
-    lines: tuple[Array, NDArray[np.int32]] | None = None
+    lines: tuple[Array, NDArray[np.int32], NDArray[np.int32]] | None = None
 
 
 class TurningPoint(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):

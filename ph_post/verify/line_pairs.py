@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ph_post.gcode.program import PartProgram, PlaceArray, expand, narrowed
+from ph_post.gcode.program import PartProgram, PlaceArray, expand, narrowed, rows_where
 from ph_post.types import BoolArray, IntArray
 from ph_post.verify.declared import DeclaredChanges, comment_of
 from ph_post.verify.verdict import Findings, quoted
@@ -73,10 +73,8 @@ class LinePairs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     def outside(self) -> tuple[PlaceArray, PlaceArray]:
         """Return the lines outside changes, pair by pair, in order, (k,) each: as large as a fifth of a text each."""
-        old, new = (
-            np.flatnonzero(outside).astype(np.int32)
-            for outside in (self.old_change == NO_CHANGE, (self.new_change == NO_CHANGE) & ~self.apart)
-        )
+        old = rows_where(self.old_change == NO_CHANGE)
+        new = rows_where((self.new_change == NO_CHANGE) & ~self.apart)
         shared = min(old.size, new.size)
         return old[:shared], new[:shared]
 

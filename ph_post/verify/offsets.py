@@ -13,7 +13,7 @@ import numpy as np
 from ph_post.bounds import in_parts
 from ph_post.compiling import compiled, read_only
 from ph_post.dialects.planners import planner_of
-from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, PlaceArray, plane_columns
+from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, PlaceArray, plane_columns, rows_where
 from ph_post.types import Array, BoolArray, ExactPath, IntArray, Machine, unwritten
 from ph_post.units import MM, MM_PER_MIN
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
@@ -141,7 +141,7 @@ def _cuts_beside(motions: Motions, alone: BoolArray, jogs: IntArray) -> tuple[In
 
     Where there is none on one side it is that on the other; nothing is returned of a program without cuts.
     """
-    cuts = np.flatnonzero(~alone & (motions.kind != RAPID)).astype(np.int32)
+    cuts = rows_where(~alone & (motions.kind != RAPID))
     behind = np.searchsorted(cuts, jogs.astype(np.int32))
     if not cuts.size:
         return cuts.astype(np.int64), cuts.astype(np.int64)
@@ -188,7 +188,7 @@ def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
     places = tuple(map(read_only, (one.start, other.start, one.end, other.end)))
     changes, unknown = np.zeros(old.size, dtype=np.bool_), np.zeros(old.size, dtype=np.bool_)
     for axis in range(len(AXES)):
-        shift = read_only(pairing.before(axis)), read_only(pairing.after[:, axis])
+        shift = pairing.before(axis), read_only(pairing.after[:, axis])
         _changed_ends(places, shift, axis, old, new, (changes, unknown))
     faults: tuple[tuple[FailureKind, BoolArray, str], ...] = (
         ("path", one.kind[old] != other.kind[new], "the motion is of another kind"),
@@ -217,10 +217,13 @@ def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
 def _changed_ends(places: Any, shift: Any, axis: Any, old: Any, new: Any, found: Any) -> None:
     """Mark the pairs (p,) in which the shift of an axis changes, and that have an end known in one alone."""
     old_start, new_start, old_end, new_end = places
-    (before, after), (changes, unknown) = shift, found
+    ((before, anew, begins), after), (changes, unknown), n = shift, found, 0
     for pair in range(old.size):
         one, other = old[pair], new[pair]
-        changes[pair] |= abs(after[other] - before[other]) > EXACT
+        while n < anew.size and anew[n] < other:
+            n += 1
+        begin = begins[n] if n < anew.size and anew[n] == other else before[other]
+        changes[pair] |= abs(after[other] - begin) > EXACT
         unknown[pair] |= np.isnan(old_start[one, axis]) != np.isnan(new_start[other, axis])
         unknown[pair] |= np.isnan(old_end[one, axis]) != np.isnan(new_end[other, axis])
 
@@ -289,15 +292,16 @@ def check_amounts(case: VerifyCase, pairing: Pairing) -> None:
     found: list[tuple[int, int]] = []
     for axis in range(len(AXES)):
         offset, pulse = sizes.get(axis, (0.0, 0.0))
-        carried = np.abs(pairing.after[:, axis])
-        off = carried > EXACT
-        for value in sides.get(axis, ()):
-            beside = pairing.after[:, axis] - value
-            off &= np.abs(beside, out=beside) > EXACT
-            del beside
-        beyond = carried > max(offset, pulse) + EXACT
-        wrong = np.where(~pairing.jog | last, off, beyond | (off & (pulse == 0.0)))
-        wrong[before[:, axis] & (carried <= pulse + offset + EXACT)] = False
+        wrong = np.zeros(change.size, dtype=np.bool_)
+        for part in in_parts(change.size):
+            after = pairing.after[part, axis]
+            carried = np.abs(after)
+            off = carried > EXACT
+            for value in sides.get(axis, ()):
+                off &= np.abs(after - value) > EXACT
+            beyond = carried > max(offset, pulse) + EXACT
+            wrong[part] = np.where(~pairing.jog[part] | last[part], off, beyond | (off & (pulse == 0.0)))
+            wrong[part] &= ~(before[part, axis] & (carried <= pulse + offset + EXACT))
         wrong[pairing.crossed & ~pairing.closing] = False
         # A wrong shift lasts until it is taken back: it is reported where it begins.
         begins = wrong & ~np.append(False, wrong)[:-1]

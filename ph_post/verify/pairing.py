@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.compiling import compiled, read_only
-from ph_post.gcode.program import AXES, LINE, RAPID, CodeArray, Motions, PlaceArray
+from ph_post.gcode.program import AXES, LINE, RAPID, CodeArray, Motions, PlaceArray, rows_where
 from ph_post.types import Array, BoolArray, IntArray, unwritten
 from ph_post.units import MM
 from ph_post.verify.declared import DeclaredChanges, DeclaredLength
@@ -56,18 +56,18 @@ class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Shifts at the ends of all motions, shape (k, 3) [m]."""
         return self.shifts[:, 1:].T
 
-    def before(self, axis: int) -> Array:
-        """Return the shifts of an axis at the starts of all motions, shape (k,) [m]."""
-        found = self.shifts[axis, :-1]
-        if axis not in self.anew:
-            return found
-        found, (motions, begins) = found.copy(), self.anew[axis]
-        found[motions] = begins
-        return found
+    def before(self, axis: int) -> tuple[Array, PlaceArray, Array]:
+        """Return the shifts of an axis with which the motions before all motions end, shape (k,) [m], and `anew`."""
+        motions, begins = self.anew.get(axis, (np.zeros(0, dtype=np.int32), np.zeros(0)))
+        return read_only(self.shifts[axis, :-1]), read_only(motions), read_only(begins)
 
     def before_of(self, motions: IntArray) -> Array:
         """Return the shifts at the starts of some motions, shape (n, 3) [m]."""
-        return np.stack([self.before(axis)[motions] for axis in range(len(AXES))], axis=1)
+        found = self.shifts[:, motions].T.copy()
+        for axis, (anew, begins) in self.anew.items():
+            place = np.minimum(np.searchsorted(anew, motions.astype(anew.dtype)), anew.size - 1)
+            found[:, axis] = np.where(anew[place] == motions, begins[place], found[:, axis])
+        return found
 
     @property
     def left_out(self) -> BoolArray:
@@ -93,8 +93,8 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
     named = np.append(case.lines.changes.crossed, False)
     crossed = named[new_change] & (other.kind != RAPID) & ~approach & ~_first_of_all(other, new_change, jog)
     last_old, last_new, alone, closing = _crossed_ends(one, other, old_change, new_change, crossed, approach)
-    ends = np.append(old, last_old.astype(old.dtype)), np.append(new, last_new.astype(new.dtype))
-    shifts, anew = _follow_shifts(one, other, ends, (jog & ~crossed) | alone, new)
+    ends = last_old.astype(old.dtype), last_new.astype(new.dtype)
+    shifts, anew = _follow_shifts(one, other, pairs, ends, (jog & ~crossed) | alone)
     case.findings.count("motions", other.block.size)
     case.findings.count("jogs", int(jog.sum()))
     return Pairing(
@@ -157,8 +157,8 @@ def _pairs(
     outside = lines.outside()
     old_line[outside[0]] = new_line[outside[1]] = np.arange(outside[0].size)
     del outside
-    old = np.flatnonzero((old_change == NO_CHANGE) | (one.kind == RAPID)).astype(np.int32)
-    new = np.flatnonzero(((new_change == NO_CHANGE) | (other.kind == RAPID)) & ~added).astype(np.int32)
+    old = rows_where((old_change == NO_CHANGE) | (one.kind == RAPID))
+    new = rows_where(((new_change == NO_CHANGE) | (other.kind == RAPID)) & ~added)
     old_place = np.where(old_change[old] == NO_CHANGE, old_line[one.block[old]], -1 - old_change[old])
     new_place = np.where(new_change[new] == NO_CHANGE, new_line[other.block[new]], -1 - new_change[new])
     if np.array_equal(old_place, new_place):
@@ -352,16 +352,21 @@ def dwell_beside(
 
 
 def _follow_shifts(
-    one: Motions, other: Motions, ends: tuple[PlaceArray, PlaceArray], jog: BoolArray, paired: PlaceArray
+    one: Motions,
+    other: Motions,
+    pairs: tuple[PlaceArray, PlaceArray],
+    ends: tuple[PlaceArray, PlaceArray],
+    jog: BoolArray,
 ) -> tuple[Array, dict[int, tuple[PlaceArray, Array]]]:
     """Shifts at the end of each motion: where ends stand for each other their difference, else the jogs.
 
-    `paired` are the motions that stand for another one from start to end. Returns `shifts` and `anew` of
-    :class:`Pairing`, the former of each axis (3, k + 1), those before the first motion as well.
+    `pairs` are the motions that stand for each other from start to end, `ends` those that do so at their ends alone.
+    Returns `shifts` and `anew` of :class:`Pairing`, the former of each axis (3, k + 1), those before the first motion
+    as well.
     """
     # An axis that is never shifted takes no memory.
-    shifts, partner = unwritten((len(AXES), jog.size + 1)), ends[0][: paired.size]
-    _shifts(read_only(one.end), read_only(other.start), read_only(other.end), *ends, jog, shifts)
+    shifts, (partner, paired) = unwritten((len(AXES), jog.size + 1)), pairs
+    _shifts(read_only(one.end), read_only(other.start), read_only(other.end), (pairs, ends), jog, shifts)
     anew = {}
     for axis in range(len(AXES)):
         apart = _starts_apart(read_only(one.start), read_only(other.start), partner, paired, shifts[axis], axis)
@@ -372,14 +377,15 @@ def _follow_shifts(
 
 
 @compiled
-def _shifts(old_end: Any, start: Any, end: Any, old: Any, new: Any, jog: Any, shifts: Any) -> None:
+def _shifts(old_end: Any, start: Any, end: Any, alike: Any, jog: Any, shifts: Any) -> None:
     """Fill shifts of the axes before the first motion and after each, (3, k + 1): the latest pair's, and jogs."""
     own = np.empty(jog.size)
     for axis in range(3):
         own[:] = np.nan
-        for pair in range(new.size):
-            way = end[new[pair], axis] - old_end[old[pair], axis]
-            own[new[pair]] = 0.0 if np.isnan(way) else way
+        for old, new in alike:
+            for pair in range(new.size):
+                way = end[new[pair], axis] - old_end[old[pair], axis]
+                own[new[pair]] = 0.0 if np.isnan(way) else way
         latest = total = before = 0.0
         for k in range(jog.size):
             way = end[k, axis] - start[k, axis] if jog[k] else 0.0

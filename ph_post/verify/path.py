@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from ph_post.bounds import in_parts
 from ph_post.compiling import compiled, lean
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, Motions, PartProgram, PlaceArray, plane_columns
 from ph_post.types import Array, BoolArray, IntArray, unwritten
@@ -240,15 +241,15 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
     if lines.first.size > 1:
         first[1:][curves] = np.diff(lines.first)
         np.cumsum(first, out=first)
-    still = np.where(pairing.left_out, np.int32(_SKIP), motions.chain)
-    still[_beside_contours(case.compensated)] = _ANEW
     crossing = crossing_axes(case, pairing)
-    beside = beside_longest(case.compensated)
+    contours, beside = _beside_contours(case.compensated), beside_longest(case.compensated)
     for name, amount in case.declared.offsets.items():
         axis, band = AXES.index(name), max(case.band, amount.metres)
         crossed = np.flatnonzero(pairing.crossed)
         anew = crossed[crossing[pairing.new_change[crossed], axis]]
-        back = _ways_back(case, pairing, axis, (still, anew, beside), (lines.points, first), _SPARE * band)
+        chain = np.where(pairing.left_out, np.int32(_SKIP), motions.chain)
+        chain[contours] = chain[anew] = chain[beside] = _ANEW
+        back = _ways_back(case, pairing, axis, chain, (lines.points, first), _SPARE * band)
         over = back > 0.0
         for motion in np.flatnonzero(over & ~np.append(False, over)[:-1]).tolist():
             case.findings.add(
@@ -265,26 +266,22 @@ def _ways_back(
     case: VerifyCase,
     pairing: Pairing,
     axis: int,
-    chains: tuple[PlaceArray, IntArray, BoolArray],
+    chain: PlaceArray,
     curve: tuple[Array, PlaceArray],
     most: float,
 ) -> Array:
     """Return the ways back [m] of an axis that are longer than `most` and that motions add to, (k,).
 
-    `chains` are the chain of each motion, the motions of the axis' crossings, and a mask of others behind which it is
-    followed anew; `curve` points along splines, and where those of each motion begin.
+    `chain` as of :func:`_reverse_travel`; `curve` are points along splines, and where those of each motion begin.
     """
-    motions, (still, anew, beside) = case.compensated.motions, chains
-    chain = still.copy()
-    chain[anew] = chain[beside] = _ANEW
+    motions = case.compensated.motions
     after = pairing.after[:, axis]
     # Beyond an approach an axis is on neither side, be it by as much as the offset that only its other side has.
     sign = np.zeros(motions.kind.size, dtype=np.int8)
-    for one, offset in zip((-1, 1), declared_sides(case.declared)[axis], strict=True):
-        if offset != 0.0:
-            apart = after - offset
-            sign[np.abs(apart, out=apart) <= EXACT] = one
-            del apart
+    for part in in_parts(sign.size):
+        for one, offset in zip((-1, 1), declared_sides(case.declared)[axis], strict=True):
+            if offset != 0.0:
+                sign[part][np.abs(after[part] - offset) <= EXACT] = one
     ends = (motions.start[:, axis], motions.end[:, axis])
     places = np.ascontiguousarray(curve[0][:, axis])
     back = unwritten(motions.kind.size)
@@ -309,14 +306,14 @@ def _original_line(case: VerifyCase, pairing: Pairing, motion: int) -> int | Non
 
 
 def swings_of(motions: Motions, axis: int) -> tuple[PlaceArray, Array, Array, Array, Array]:
-    """Motion of an axis on arcs: number of the arc of each motion, -1 of others, and of each arc how the axis swings.
+    """Motion of an axis on arcs: number of the arc of each motion, from 1, 0 of others, and how it swings on each arc.
 
     That is the middle [m], the radius [m], 0 where the axis does not swing, where it begins and how far it goes, in
     half turns from where the axis is farthest.
     """
     arcs = np.flatnonzero(motions.kind == ARC)
-    number = np.full(motions.kind.size, -1, dtype=np.int32)
-    number[arcs] = np.arange(arcs.size)
+    number = unwritten(motions.kind.size, np.int32)
+    number[arcs] = np.arange(1, arcs.size + 1)
     columns = plane_columns(motions.plane[arcs])
     spoke = np.take_along_axis(motions.start[arcs], columns[:, :2], axis=1) - motions.center[arcs]
     second = columns[:, 1] == axis
@@ -357,7 +354,7 @@ def _reverse_travel(
     chain : ndarray, shape (k,)
         Number of the chain, ``_SKIP`` for jogs, ``_ANEW`` in crossings.
     ends, shift : tuple of ndarray, shape (k,)
-        Position at start and end [m], and what is added there.
+        Position at start and end [m], and what is added there; at starts as of :meth:`Pairing.before`.
     swings : tuple of ndarray
         Of :func:`swings_of`.
     curve : tuple
@@ -369,8 +366,11 @@ def _reverse_travel(
     """
     spot = np.zeros(2)
     places, first = curve
-    latest, its_chain = 0, _SKIP
+    (before, anew, begins), after = shift
+    latest, its_chain, n = 0, _SKIP, 0
     for k in range(sign.size):
+        while n < anew.size and anew[n] < k:
+            n += 1
         if chain[k] == _SKIP:
             continue
         if chain[k] == _ANEW or sign[k] == 0 or np.isnan(ends[0][k]) or np.isnan(ends[1][k]):
@@ -379,12 +379,13 @@ def _reverse_travel(
         if sign[k] != latest or chain[k] != its_chain:
             spot[0], latest, its_chain = -math.inf, sign[k], chain[k]
         spot[1] = 0.0
-        _visit(sign[k] * (ends[0][k] - shift[0][k]), spot)
-        arc = swings[0][k]
+        begin = begins[n] if n < anew.size and anew[n] == k else before[k]
+        _visit(sign[k] * (ends[0][k] - begin), spot)
+        arc = swings[0][k] - 1
         if arc >= 0 and swings[2][arc] > 0.0:
-            _visit_turns(arc, sign[k], shift[1][k], swings, spot)
-        for n in range(first[k], first[k + 1]):
-            _visit(sign[k] * (places[n] - shift[1][k]), spot)
-        _visit(sign[k] * (ends[1][k] - shift[1][k]), spot)
+            _visit_turns(arc, sign[k], after[k], swings, spot)
+        for place in range(first[k], first[k + 1]):
+            _visit(sign[k] * (places[place] - after[k]), spot)
+        _visit(sign[k] * (ends[1][k] - after[k]), spot)
         if spot[1] > most:
             out[k] = spot[1]

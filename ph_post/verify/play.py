@@ -142,7 +142,7 @@ def possible_sides(ends: Any, chain: Any, swings: Any, sides: Any) -> Array:
         if math.isnan(at) or math.isnan(end):
             low, high = (low, high) if math.isnan(end) else (sides[0], sides[1])
             continue
-        arc = number[k]
+        arc = number[k] - 1
         if arc >= 0 and radius[arc] > 0.0:
             step = 1.0 if sweep[arc] > 0.0 else -1.0
             n = math.floor(begin[arc]) + 1.0 if sweep[arc] > 0.0 else math.ceil(begin[arc]) - 1.0
