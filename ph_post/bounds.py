@@ -46,15 +46,15 @@ _PART: Final = 1 << 16
 """Rows that are worked on at a time."""
 
 
-def in_parts(size: int) -> Iterator[slice]:
-    """Cut rows into parts: what is worked out of a million words or motions needs no room for all of them.
+def in_parts(size: int, most: int = _PART) -> Iterator[slice]:
+    """Cut rows into parts, of so many at most: what is worked out of a million words or motions needs no room for all.
 
     Examples
     --------
     >>> [(part.start, part.stop) for part in in_parts(100_000)]
     [(0, 65536), (65536, 131072)]
     """
-    return (slice(low, low + _PART) for low in range(0, size, _PART))
+    return (slice(low, low + most) for low in range(0, size, most))
 
 
 _MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1

@@ -6,7 +6,7 @@ import codecs
 import re
 from collections.abc import Iterable
 from fractions import Fraction
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -35,7 +35,7 @@ from ph_post.errors import InputError
 from ph_post.gcode.lexer import split_lines
 from ph_post.gcode.program import ByteArray, PartProgram, PlaceArray
 from ph_post.gcode.working import working_motions
-from ph_post.types import ROTARY_AXES, Array, IntArray, Machine, sealed
+from ph_post.types import ROTARY_AXES, IntArray, Machine, sealed
 from ph_post.units import MM
 from ph_post.version import package_version
 
@@ -158,7 +158,9 @@ def apply_changes(program: PartProgram, changes: Iterable[Change], dialect: Dial
     found = motion_offsets(no_offsets(program.motions.kind.size), [], step)
     numbers = shifted_numbers(program, shifted_words(program, found), 0, int(dialect.numbers.point))
     ordered = sorted(changes, key=lambda change: change.block)
-    text = _with_payload(program, *_assemble_text(program, numbers, ordered, dialect, declaration), dialect)
+    pieces, payload = _pieces_of(program, numbers, ordered, dialect, declaration)
+    del numbers
+    text = _with_payload(program, _put_together(program, pieces, dialect), payload, dialect)
     if restores(text, program.name, program.data):
         return text
     return _with_payload(program, without_payload(text, program.name), Payload(whole=program.data), dialect)
@@ -184,9 +186,9 @@ def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
     if declaration.closing:
         label = "own compensation"
         changes.append(Change(block=program.blocks, removed=0, lines=[declaration.closing], label=[label]))
-    body, payload = _assemble_text(program, numbers, changes, dialect, declaration)
+    pieces, payload = _pieces_of(program, numbers, changes, dialect, declaration)
     del numbers, changes  # as large as the text
-    return _with_payload(program, body, payload, dialect)
+    return _with_payload(program, _put_together(program, pieces, dialect), payload, dialect)
 
 
 def _numbers_and_changes(
@@ -275,10 +277,10 @@ def _trimmed(count: int, decimals: int, least: int) -> tuple[int, int]:
     return count, decimals
 
 
-def _assemble_text(
+def _pieces_of(
     program: PartProgram, numbers: ShiftedNumbers, changes: list[Change], dialect: Dialect, declaration: Declaration
-) -> tuple[bytes, Payload]:
-    """Assemble the new text, and the payload that undoes it."""
+) -> tuple[list[Any], Payload]:
+    """Return the pieces of the new text, for :func:`assemble`, and the payload that undoes it."""
     words = program.words
     block, letter, start, end = words.block, words.letter, words.start, words.end
     # The words are several times as large as the text, of which there will be three: each column goes when it is used.
@@ -313,10 +315,15 @@ def _assemble_text(
     del block, letter, kept
     start, end = start[numbers.word] + 1, end[numbers.word]
     text = np.frombuffer(b"".join(texts), np.uint8)
-    out = assemble(np.frombuffer(data, np.uint8), start, end, sealed(numbers.pool), numbers.bounds, spans, text)
-    del start, end
+    return [np.frombuffer(data, np.uint8), start, end, sealed(numbers.pool), numbers.bounds, spans, text], payload
+
+
+def _put_together(program: PartProgram, pieces: list[Any], dialect: Dialect) -> bytes:
+    """Put the new text together; the list of its pieces, which are larger, is emptied."""
+    out: ByteArray = assemble(*pieces)
+    pieces.clear()
     _check_lines(program, out, dialect)
-    return out.tobytes(), payload
+    return out.tobytes()
 
 
 def _change_lines(change: Change, dialect: Dialect) -> list[str]:
@@ -352,7 +359,7 @@ def head_line(program: PartProgram) -> int:
     return line
 
 
-def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
+def _check_lines(program: PartProgram, out: ByteArray, dialect: Dialect) -> None:
     """Refuse lines longer than both the dialect's limit and the program's longest.
 
     Where the program's own are longer than the limit, comments do not count there.

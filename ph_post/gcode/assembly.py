@@ -10,7 +10,7 @@ from ph_post.bounds import in_parts
 from ph_post.gcode.curves import curves_of, round_corners
 from ph_post.gcode.fitting.polyline import fit_polyline
 from ph_post.gcode.fitting.samples import ROUND, PolylineFit
-from ph_post.gcode.program import AXES, CUBIC, LINE, RAPID, Motions, PlaceArray, in_a_row
+from ph_post.gcode.program import AXES, CUBIC, LINE, RAPID, Motions, PlaceArray, in_a_row, rows_where
 from ph_post.geometry.curves import Arc, Composite
 from ph_post.geometry.piecewise import MEETS, Piece, PiecewiseCurve
 from ph_post.geometry.track import Track
@@ -60,7 +60,7 @@ class _Assembly:
         self.is_line = motions.kind[self.own] == LINE
         self.step_motion, self.points = self._steps()
         """Row of every step of the polyline, and its vertices."""
-        other = np.flatnonzero(~self.is_line)
+        other = rows_where(~self.is_line)
         vertex = np.searchsorted(self.step_motion, other)
         found = vertex == self.step_motion.size
         found[~found] = self.step_motion[vertex[~found]] != other[~found]
@@ -110,13 +110,13 @@ class _Assembly:
         start, end = (np.nan_to_num(place[rows][:, self.columns]) for place in (self.motions.start, self.motions.end))
         return start, end
 
-    def _steps(self) -> tuple[IntArray, Array]:
+    def _steps(self) -> tuple[PlaceArray, Array]:
         """Return the rows that lead from one vertex of the polyline to the next, and the vertices [m]."""
         rows, points = [], [self._places(slice(0, 1))[0]]
         for part in in_parts(self.rows.size):
             start, end = self._places(part)
             steps = np.flatnonzero(np.linalg.norm(end - start, axis=1) > MEETS)
-            rows.append(part.start + steps)
+            rows.append((part.start + steps).astype(np.int32))
             points.append(end[steps])
         return np.concatenate(rows), np.concatenate(points)
 

@@ -288,8 +288,9 @@ def trace_motions(  # noqa: C901, PLR0912, PLR0915
 ) -> Any:
     """Follow the position through all blocks before `end`, write down the motions and return their number.
 
-    `words` are the columns block, letter and value; `modal` the distinct states, and for each block its
-    state, F, task and why it is not understood, to which arcs and splines from unknown places are added;
+    `words` are the columns block, letter and value; `modal` the distinct states, for each block its state, the F of
+    runs of blocks and where each begins, nothing where each block has its own, and for each block its task and why it
+    is not understood, to which arcs and splines from unknown places are added;
     `anchors` those of :func:`find_anchors`.
     `columns` to fill: block, kind, start, end, plane, feed, duration, exact; `curves`: centre, angle and
     turns as the words have them. Durations, curves and exact stops are zeros, and stay so where nothing is written:
@@ -297,9 +298,9 @@ def trace_motions(  # noqa: C901, PLR0912, PLR0915
     before them, -1 is returned if one begins elsewhere.
     """
     blocks, letter, value = words
-    table, states, feeds, tasks, whys = modal
+    table, states, (feeds, begins), tasks, whys = modal
     values, position, target, pen = np.empty(26), np.full(3, np.nan), np.empty(3), np.full(3, np.nan)
-    low, row, drawing = 0, 0, False
+    low, row, run, drawing = 0, 0, 0, False
     for axis in range(3):
         _lose(axis, anchors[0], position)
     for block in range(end):
@@ -344,7 +345,9 @@ def trace_motions(  # noqa: C901, PLR0912, PLR0915
                 _named(values, modes, position)
             continue
         write_at = (row, block, task)
-        word = feeds[block]
+        while run + 1 < begins.size and begins[run + 1] <= block:
+            run += 1
+        word = feeds[run if begins.size else block]
         if word == 0.0 or (modes[FEED_MODE] == 93.0 and np.isnan(values[LETTER_F])):
             word = np.nan
         if not _write_motion(write_at, values, modes, position, target, word, columns, curves, shared):

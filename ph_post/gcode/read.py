@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from ph_post.bounds import MANY_LINES
+from ph_post.compiling import read_only
 from ph_post.errors import InputError
 from ph_post.gcode import codes, splinewords
 from ph_post.gcode.arcs import RADII_DIFFER, RADIUS_TOO_SMALL, solve_arcs
@@ -23,6 +24,7 @@ from ph_post.gcode.program import (
     Break,
     BreakKind,
     ByteArray,
+    FeedRuns,
     Motions,
     Note,
     NurbsData,
@@ -205,7 +207,7 @@ class _Blocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """
 
     states: PlaceArray
-    feeds: Array
+    feeds: FeedRuns
     tasks: ByteArray
     marks: ByteArray
     whys: ByteArray
@@ -316,7 +318,7 @@ def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartPr
         motions=msgspec.structs.replace(motions, chain=chain),
         modal=tuple(make_modal(row) for row in blocks.table),
         state=sealed(narrowed(blocks.states)),
-        feeds=feed_runs(blocks.feeds),
+        feeds=blocks.feeds,
         breaks=breaks,
         notes=notes,
         language=language,
@@ -410,7 +412,7 @@ def _resolve(lexed: Lexed, data: bytes, language: Language) -> _Blocks:
     )
     return _Blocks(
         states=states,
-        feeds=feeds,
+        feeds=feed_runs(feeds),
         tasks=tasks,
         marks=marks,
         whys=lexed.whys,
@@ -557,7 +559,9 @@ def _trace(lexed: Lexed, blocks: _Blocks) -> tuple[tuple[Any, ...], tuple[Any, .
     """Follow the program; its motions have their starts and ends in one array if each begins where the last ends."""
     words = lexed.words
     room = int(np.count_nonzero((blocks.tasks & (codes.FORGET_FIRST - 1)) % codes.FORGET))
-    modal = (blocks.table, blocks.states, blocks.feeds, blocks.tasks, blocks.whys)
+    begins = np.zeros(0, np.int32) if blocks.feeds.first is None else blocks.feeds.first
+    feeds = read_only(blocks.feeds.value), read_only(begins)
+    modal = (blocks.table, blocks.states, feeds, blocks.tasks, blocks.whys)
     text, anchors = (words.block, words.letter, words.value), np.zeros(blocks.tasks.size + 1, np.uint8)
     find_anchors(text, modal, blocks.last, anchors)
     for shared in (True, False):

@@ -184,7 +184,7 @@ NumbersOf = Callable[[PlaceArray], Array]
 
 def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
     """Motions that stand for each other are the same but for one shift, which only a rapid may change."""
-    one, other, old, new = case.original.motions, case.compensated.motions, pairing.old, pairing.new
+    one, other, (old, new) = case.original.motions, case.compensated.motions, pairing.pairs()
     places = tuple(map(read_only, (one.start, other.start, one.end, other.end)))
     changes, unknown = np.zeros(old.size, dtype=np.bool_), np.zeros(old.size, dtype=np.bool_)
     for axis in range(len(AXES)):
@@ -193,8 +193,8 @@ def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
     faults: tuple[tuple[FailureKind, BoolArray, str], ...] = (
         ("path", one.kind[old] != other.kind[new], "the motion is of another kind"),
         ("path", unknown, "the position is known in one of the programs only"),
-        ("path", _bent(case, pairing), "the arc is another one"),
-        ("path", _bulged(case, pairing), "the spline is another one"),
+        ("path", _bent(case, pairing, old, new), "the arc is another one"),
+        ("path", _bulged(case, pairing, old, new), "the spline is another one"),
         ("path", one.exact[old] != other.exact[new], "the path mode at its end is another one"),
         ("feed", _differ(one.feeds.of, other.feeds.of, old, new), "the feed of the motion is another one"),
         (
@@ -237,17 +237,17 @@ def _differ(one: NumbersOf, other: NumbersOf, old: PlaceArray, new: PlaceArray) 
     return found
 
 
-def _bent(case: VerifyCase, pairing: Pairing) -> BoolArray:
-    """Arcs whose plane, sweep or centre, less the shift, differ."""
+def _bent(case: VerifyCase, pairing: Pairing, all_old: PlaceArray, all_new: PlaceArray) -> BoolArray:
+    """Arcs of pairs (p,) whose plane, sweep or centre, less the shift, differ."""
     one, other = case.original.motions, case.compensated.motions
-    both = np.flatnonzero((one.kind[pairing.old] == ARC) & (other.kind[pairing.new] == ARC))
-    old, new = pairing.old[both], pairing.new[both]
+    both = np.flatnonzero((one.kind[all_old] == ARC) & (other.kind[all_new] == ARC))
+    old, new = all_old[both], all_new[both]
     columns = plane_columns(one.plane[old])[:, :2]
     shift = np.take_along_axis(pairing.after[new], columns, axis=1)
     radius = np.linalg.norm(np.take_along_axis(one.start[old], columns, axis=1) - one.center[old], axis=1)
     # The last decimals of a place turn the end of a small arc.
     same = np.maximum(_ANGLE, EXACT / np.maximum(radius, EXACT / _TURN))
-    wrong = np.zeros(pairing.old.size, dtype=bool)
+    wrong = np.zeros(all_old.size, dtype=bool)
     wrong[both] = (
         (one.plane[old] != other.plane[new])
         | (np.abs(one.angle[old] - other.angle[new]) > same)
@@ -256,13 +256,13 @@ def _bent(case: VerifyCase, pairing: Pairing) -> BoolArray:
     return wrong
 
 
-def _bulged(case: VerifyCase, pairing: Pairing) -> BoolArray:
-    """Splines whose control points, less the shift, or weights differ."""
+def _bulged(case: VerifyCase, pairing: Pairing, all_old: PlaceArray, all_new: PlaceArray) -> BoolArray:
+    """Splines of pairs (p,) whose control points, less the shift, or weights differ."""
     one, other = case.original.motions, case.compensated.motions
-    wrong = np.zeros(pairing.old.size, dtype=bool)
-    curves = np.isin(one.kind[pairing.old], (CUBIC, NURBS))
-    for place in np.flatnonzero(curves & (one.kind[pairing.old] == other.kind[pairing.new])).tolist():
-        old, new, shift = int(pairing.old[place]), int(pairing.new[place]), pairing.after[pairing.new[place]]
+    wrong = np.zeros(all_old.size, dtype=bool)
+    curves = np.isin(one.kind[all_old], (CUBIC, NURBS))
+    for place in np.flatnonzero(curves & (one.kind[all_old] == other.kind[all_new])).tolist():
+        old, new, shift = int(all_old[place]), int(all_new[place]), pairing.after[all_new[place]]
         if one.kind[old] == CUBIC:
             wrong[place] = not _same_points(one.control[old], other.control[new], shift)
             continue

@@ -31,17 +31,16 @@ _ROUNDING = 1e-4
 class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The motions of both programs, side by side.
 
-    `old`, `new` (p,) numbers of motions that stand for each other one to one: all outside changes, and the
-    rapids inside them. `old_change`, `new_change` the change of every motion; `jog` (k,) is true for compensated
-    motions that move an axis while the path stands still, `approach` (k,) for those of them that follow a rapid
-    without a dwell; `crossed` (k,) for the motions of changes that name a crossing, but rapids and approaches,
+    `paired` are masks of the motions of both, (m,) and (k,), that stand for each other one to one: all outside changes,
+    and the rapids inside them. `old_change`, `new_change` the change of every motion; `jog` (k,) is true for
+    compensated motions that move an axis while the path stands still, `approach` (k,) for those of them that follow a
+    rapid without a dwell; `crossed` (k,) for the motions of changes that name a crossing, but rapids and approaches,
     `closing` (k,) for the last of them in their stretch; `after` (k, 3) [m] are the shifts of the axes at the end of
     each compensated motion; inside a crossing they are not known. Each begins with the shift with which the one before
     it ends, but those of `anew`: by axis the motions, and the shifts [m] with which they begin.
     """
 
-    old: PlaceArray
-    new: PlaceArray
+    paired: tuple[BoolArray, BoolArray]
     old_change: NDArray[Any]
     new_change: NDArray[Any]
     jog: BoolArray
@@ -50,6 +49,11 @@ class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     closing: BoolArray
     shifts: Array
     anew: Mapping[int, tuple[PlaceArray, Array]]
+
+    def pairs(self) -> tuple[PlaceArray, PlaceArray]:
+        """Return the numbers of the motions of both that stand for each other one to one, (p,) each."""
+        old, new = map(rows_where, self.paired)
+        return old, new
 
     @property
     def after(self) -> Array:
@@ -86,7 +90,7 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
     pairs = _pairs(case, old_change, new_change, added)
     if pairs is None:
         return None
-    old, new = pairs
+    old, new = map(rows_where, pairs)
     jog = _find_jogs(case, new_change, dwells)
     approach = _find_approaches(case, old, new, new_change, added)
     jog |= approach
@@ -94,12 +98,11 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
     crossed = named[new_change] & (other.kind != RAPID) & ~approach & ~_first_of_all(other, new_change, jog)
     last_old, last_new, alone, closing = _crossed_ends(one, other, old_change, new_change, crossed, approach)
     ends = last_old.astype(old.dtype), last_new.astype(new.dtype)
-    shifts, anew = _follow_shifts(one, other, pairs, ends, (jog & ~crossed) | alone)
+    shifts, anew = _follow_shifts(one, other, (old, new), ends, (jog & ~crossed) | alone)
     case.findings.count("motions", other.block.size)
     case.findings.count("jogs", int(jog.sum()))
     return Pairing(
-        old=old,
-        new=new,
+        paired=pairs,
         old_change=old_change,
         new_change=new_change,
         jog=jog,
@@ -146,8 +149,8 @@ def _takes_up(case: VerifyCase, start: Array, end: Array) -> bool:
 
 def _pairs(
     case: VerifyCase, old_change: NDArray[Any], new_change: NDArray[Any], added: BoolArray
-) -> tuple[PlaceArray, PlaceArray] | None:
-    """Motions one to one: by their lines outside changes, and the rapids of each change by their order.
+) -> tuple[BoolArray, BoolArray] | None:
+    """Masks of the motions of both one to one: by their lines outside changes, and the rapids of each by their order.
 
     Those that are `added` have no counterpart.
     """
@@ -157,12 +160,15 @@ def _pairs(
     outside = lines.outside()
     old_line[outside[0]] = new_line[outside[1]] = np.arange(outside[0].size)
     del outside
-    old = rows_where((old_change == NO_CHANGE) | (one.kind == RAPID))
-    new = rows_where(((new_change == NO_CHANGE) | (other.kind == RAPID)) & ~added)
+    masks = (
+        (old_change == NO_CHANGE) | (one.kind == RAPID),
+        ((new_change == NO_CHANGE) | (other.kind == RAPID)) & ~added,
+    )
+    old, new = map(rows_where, masks)
     old_place = np.where(old_change[old] == NO_CHANGE, old_line[one.block[old]], -1 - old_change[old])
     new_place = np.where(new_change[new] == NO_CHANGE, new_line[other.block[new]], -1 - new_change[new])
     if np.array_equal(old_place, new_place):
-        return old, new
+        return masks
     shared = min(old.size, new.size)
     apart = np.flatnonzero(old_place[:shared] != new_place[:shared])
     place = int(apart[0]) if apart.size else shared
@@ -379,22 +385,26 @@ def _follow_shifts(
 @compiled
 def _shifts(old_end: Any, start: Any, end: Any, alike: Any, jog: Any, shifts: Any) -> None:
     """Fill shifts of the axes before the first motion and after each, (3, k + 1): the latest pair's, and jogs."""
-    own = np.empty(jog.size)
+    paired = np.zeros(jog.size, np.bool_)
+    for _, new in alike:
+        paired[new] = True
     for axis in range(3):
-        own[:] = np.nan
+        own = shifts[axis, 1:]
         for old, new in alike:
             for pair in range(new.size):
                 way = end[new[pair], axis] - old_end[old[pair], axis]
-                own[new[pair]] = 0.0 if np.isnan(way) else way
+                way = 0.0 if np.isnan(way) else way
+                if way != own[new[pair]]:
+                    own[new[pair]] = way
         latest = total = before = 0.0
         for k in range(jog.size):
             way = end[k, axis] - start[k, axis] if jog[k] else 0.0
             total += 0.0 if np.isnan(way) else way
-            if not np.isnan(own[k]):
+            if paired[k]:
                 latest, before = own[k], total
             shift = latest + total - before
-            if shift != 0.0:
-                shifts[axis, k + 1] = shift
+            if shift != own[k]:
+                own[k] = shift
 
 
 @compiled

@@ -299,10 +299,9 @@ def _beside_contours(program: PartProgram) -> BoolArray:
 
 
 def _original_line(case: VerifyCase, pairing: Pairing, motion: int) -> int | None:
-    place = int(np.searchsorted(pairing.new, motion))
-    if place < pairing.new.size and pairing.new[place] == motion:
-        return int(case.original.motions.block[pairing.old[place]])
-    return None
+    if not pairing.paired[1][motion]:
+        return None
+    return int(case.original.motions.block[pairing.pairs()[0][np.count_nonzero(pairing.paired[1][:motion])]])
 
 
 def swings_of(motions: Motions, axis: int) -> tuple[PlaceArray, Array, Array, Array, Array]:

@@ -153,4 +153,5 @@ def test_what_a_line_costs(tmp_path):
     wide = found[0]
     for name, most in MOST.items():
         assert wide.by_name[name] <= most * wide.by_name["`rs274 -g`"], name
-    assert wide.memory <= MEMORY
+    for one in found:
+        assert one.memory <= MEMORY

@@ -232,6 +232,7 @@ def fit_polyline(
     taken = np.zeros(len(points), dtype=np.int64)
     taken[firsts] = lasts
     kind, first, last, foot = fill_pieces(vertices, along, turn, tangent, lines, corners | stops, taken, tolerance)
+    del taken, lines, corners
     circle = np.zeros((kind.size, 4))
     known = np.flatnonzero(kind == ROUND)
     kind[known], circle[known] = kinds, circles

@@ -21,6 +21,9 @@ from ph_post.simulate.controllers.corner_rules import corner_rule, corner_speeds
 from ph_post.simulate.controllers.durations import check_duration
 from ph_post.types import Array, BoolArray, ExactPath, IntArray, KlipperCorner
 
+_PART: Final = 1 << 12
+"""Blocks whose times are worked out at a time."""
+
 ROUNDING: Final = 1e-9
 """Part of a period by which a motion may be longer than whole periods."""
 
@@ -256,7 +259,7 @@ def count_periods(
     took, begin = blocks.corner, 0.0
     took[~blocks.joined] = 0.0
     squares = _squares(blocks, took, planner, limits)
-    for part in in_parts(took.size):
+    for part in in_parts(took.size, _PART):
         times = block_times(squares(part), blocks.length[part], blocks.push[part]).sum(axis=1)
         # Summed in their order, as all of them together are.
         ends = np.cumsum(np.append(begin, blocks.pause[part] + times))

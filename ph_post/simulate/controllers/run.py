@@ -54,7 +54,7 @@ SMOOTHING: Final = np.array([1.0, 5.0, 5.0, 1.0]) / 12.0
 ROOM: Final = 1 << 16
 """Rows that are filled at a time."""
 
-PART: Final = 1 << 13
+PART: Final = 1 << 12
 """Motions of which blocks are made at a time."""
 
 
