@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -94,14 +94,15 @@ class _Body:
     def _touching(self, x: float) -> float:
         return x + 0.5 * self.side * self.plant.width(x) if self.inside else x
 
-    def motion(self, rows: Floats) -> Motion:
-        """Rows at the loop's side as a motion whose table is that side."""
-        X = np.array([self.forces.command(t) for t in self.grid.tolist()])
+    def motion(self, rows: Floats, every: int = 1) -> Motion:
+        """Rows at the loop's side, of so many one, as a motion whose table is that side."""
+        rows, grid = rows[::every], self.grid[::every]
+        X = np.array([self.forces.command(t) for t in grid.tolist()])
         drive = np.clip(X - rows[:, 0], -self.forces.limit, self.forces.limit)
         drive -= self.plant.electronic * rows[:, 1]
         if self.forces.late:
-            X = np.array([self.forces.asked(t) for t in self.grid.tolist()])
-        return Motion(self.grid, X, rows[:, 0], rows[:, 2], rows[:, 1], drive, tuple(self.events))
+            X = np.array([self.forces.asked(t) for t in grid.tolist()])
+        return Motion(grid, X, rows[:, 0], rows[:, 2], rows[:, 1], drive, tuple(self.events))
 
     def run(self) -> None:
         if not self.inside and not self.forces.held:
@@ -218,9 +219,10 @@ class _Body:
 class _InCascade(CascadeBody):
     """The same of an axis in a cascade."""
 
-    def motion(self, rows: Floats) -> Motion:
-        X = self.forces.track.rows(self.forces.axis, self.grid)[0]
-        return Motion(self.grid, X, rows[:, 0], rows[:, 2], rows[:, 1], rows[:, 3], tuple(self.events))
+    def motion(self, rows: Floats, every: int = 1) -> Motion:
+        rows, grid = rows[::every], self.grid[::every]
+        X = self.forces.track.rows(self.forces.axis, grid)[0]
+        return Motion(grid, X, rows[:, 0], rows[:, 2], rows[:, 1], rows[:, 3], tuple(self.events))
 
 
 def _behind(plant: Plant, forces: Forces, n: int, windup: Any) -> Motion:
@@ -236,17 +238,8 @@ def _behind(plant: Plant, forces: Forces, n: int, windup: Any) -> Motion:
     table = _play(plant, motor)
     if windup is not None:
         table = _swing(grid, table, windup["resonance"], windup["damping_ratio"])
-    whole = body.motion(body.rows)
-    keep = slice(None, None, FINER)
-    return Motion(
-        grid[keep],
-        whole.command[keep],
-        table[keep],
-        motor[keep],
-        whole.velocity[keep],
-        whole.drive[keep],
-        whole.events,
-    )
+    whole = body.motion(body.rows, FINER)
+    return replace(whole, table=table[::FINER], motor=motor[::FINER])
 
 
 def _play(plant: Plant, motor: Floats) -> Floats:

@@ -6,6 +6,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 from typing import TypeVar
 
@@ -46,9 +47,20 @@ class Stretch:
     radius: float = 0.0
     start: float = 0.0
 
-    @property
+    @cached_property
     def duration(self) -> float:
         return self.way / self.rate + self.ramp if self.rate else self.ramp
+
+    def gone(self, tau: float) -> float:
+        """Way at tau [s] since the stretch began, alone."""
+        if not self.rate:
+            return 0.0
+        ramp, left = self.ramp, self.duration - tau
+        if tau < ramp:
+            return self.rate * ramp * _ramped(tau / ramp)
+        if left < ramp:
+            return self.way - self.rate * ramp * _ramped(max(left / ramp, 0.0))
+        return self.rate * (tau - 0.5 * ramp)
 
     def phase(self, tau: float) -> tuple[float, float, float]:
         """Way, its rate and its acceleration at tau [s] since the stretch began."""
@@ -87,7 +99,7 @@ class Stretch:
         return self.origin[axis] + self.radius * at, self.radius * along * rate, bend
 
     def place(self, axis: int, tau: float) -> float:
-        way = self.phase(tau)[0]
+        way = self.gone(tau)
         if self.direction is not None:
             return self.origin[axis] + self.direction[axis] * way
         turned = self.start + way
