@@ -144,14 +144,17 @@ class ModeTables(NamedTuple):
     `tables` are those of :func:`step_tables`, `slopes` the guards' rates of change; `static` [m] and `scale`
     [m/s] those of :func:`stribeck`, `waves` (waves, 3) those of :func:`cogging`. `gap` (6,) is that of
     :func:`half_gap`, (0,) where it is the same everywhere; `holds` and `contacts` (modes,) say how the two
-    sides are placed then. `filled` says which columns are not 0;
+    sides are placed then. `filled` says which columns are not 0, `guarded` and `sloped` the same of each guard and
+    its slope, in order and with -1 behind;
     `level` is into how many parts at most, as a power of 2, a sample is cut where forces of the state act.
     """
 
     tables: Array
     counts: IntArray
     guards: Array
+    guarded: IntArray
     slopes: Array
+    sloped: IntArray
     noise: Array
     targets: IntArray
     resets: Array
@@ -208,29 +211,21 @@ def _step(table: Array, y: Array, length: float, into: Array, filled: int) -> No
 
 
 @lean
-def _value(rows: Array, mode: int, number: int, y: Array, filled: int) -> float:
-    """Return the value at a state of a row of the guards or of their slopes."""
+def _value(rows: Array, places: IntArray, mode: int, number: int, y: Array) -> float:
+    """Return the value at a state of a row of the guards or of their slopes, of whose columns few are not 0."""
     total = 0.0
-    if filled == ALL:
-        for j in range(WIDTH):
-            total += rows[mode, number, j] * y[j]
-        return total
-    for j in range(SIMPLE):
-        total += rows[mode, number, j] * y[j]
-    if filled == FEW:
-        for j in range(STATES, PLAIN):
-            total += rows[mode, number, j] * y[j]
-        return total
-    for j in range(STATES, USUAL):
+    for j in places[mode, number]:
+        if j < 0:
+            break
         total += rows[mode, number, j] * y[j]
     return total
 
 
 @lean
-def _first_broken(guards: Array, noise: Array, count: int, mode: int, y: Array, filled: int) -> int:
+def _first_broken(guards: Array, places: IntArray, noise: Array, count: int, mode: int, y: Array) -> int:
     """Return the first of a mode's guards that does not hold, or -1."""
     for number in range(count):
-        if _value(guards, mode, number, y, filled) < -noise[mode, number]:
+        if _value(guards, places, mode, number, y) < -noise[mode, number]:
             return number
     return -1
 
@@ -238,7 +233,7 @@ def _first_broken(guards: Array, noise: Array, count: int, mode: int, y: Array, 
 @lean
 def _broken(modes: ModeTables, mode: int, y: Array) -> int:
     """Return the first guard of a mode that does not hold, or -1."""
-    return _first_broken(modes.guards, modes.noise, modes.counts[mode], mode, y, modes.filled)
+    return _first_broken(modes.guards, modes.guarded, modes.noise, modes.counts[mode], mode, y)
 
 
 @lean
@@ -266,20 +261,22 @@ def _least(before: float, after: float, falls: float, rises: float) -> float:
 @lean
 def _may_dip(
     guards: Array,
+    guarded: IntArray,
     slopes: Array,
+    sloped: IntArray,
     noise: Array,
     count: int,
     mode: int,
     y: Array,
     after: Array,
     length: float,
-    filled: int,
 ) -> bool:
     """Return whether a guard breaks at an end or between both, going by the cubic through them."""
     for number in range(count):
-        before, last = _value(guards, mode, number, y, filled), _value(guards, mode, number, after, filled)
-        falls = length * _value(slopes, mode, number, y, filled)
-        rises = length * _value(slopes, mode, number, after, filled)
+        before = _value(guards, guarded, mode, number, y)
+        last = _value(guards, guarded, mode, number, after)
+        falls = length * _value(slopes, sloped, mode, number, y)
+        rises = length * _value(slopes, sloped, mode, number, after)
         room = min(before, last) + noise[mode, number]
         # A slope of one at an end bends the cubic by no more than that: most guards are far away.
         if room >= BEND * (max(-falls, 0.0) + max(rises, 0.0)):
@@ -484,14 +481,15 @@ def _go_on(
             or level >= FINE
             or not _may_dip(
                 modes.guards,
+                modes.guarded,
                 modes.slopes,
+                modes.sloped,
                 modes.noise,
                 modes.counts[mode],
                 mode,
                 y,
                 trial,
                 length,
-                modes.filled,
             )
         ):
             _accept(y, trial)
@@ -556,6 +554,7 @@ def _cruise(
     level, most, sample = 0, modes.level, modes.tables[mode, 0]
     step, length = sample, period
     guards, slopes, noise, count = modes.guards, modes.slopes, modes.noise, modes.counts[mode]
+    guarded, sloped = modes.guarded, modes.sloped
     filled, waves, static, scale = modes.filled, modes.waves, modes.static, modes.scale
     moving, direction = modes.moving, modes.directions[mode]
     while k < command.size - 1:
@@ -574,7 +573,7 @@ def _cruise(
                 if forced:
                     _set_force(y, trial, moving, direction, static, scale, waves, step, length, filled)
                 _step(step, y, length, trial, filled)
-            if _may_dip(guards, slopes, noise, count, mode, y, trial, length, filled):
+            if _may_dip(guards, guarded, slopes, sloped, noise, count, mode, y, trial, length):
                 return k, whole - part * (whole >> level)
             _accept(y, trial)
         k += 1

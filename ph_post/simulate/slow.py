@@ -31,11 +31,14 @@ def modes_of(plant: Plant, period: float) -> kernel.ModeTables:
     """Return the modes of a plant for steps of a period [s]."""
     automaton = build_automaton(plant)
     static = plant.static if plant.stribeck_speed else 0.0
+    slopes = frozen(np.matmul(automaton.guards, automaton.rates))
     return kernel.ModeTables(
         tables=kernel.step_tables(automaton.rates, period),
         counts=automaton.counts,
         guards=automaton.guards,
-        slopes=frozen(np.matmul(automaton.guards, automaton.rates)),
+        guarded=_places(automaton.guards),
+        slopes=slopes,
+        sloped=_places(slopes),
         noise=automaton.noise,
         targets=automaton.targets,
         resets=automaton.resets,
@@ -50,6 +53,13 @@ def modes_of(plant: Plant, period: float) -> kernel.ModeTables:
         filled=filled_columns(plant),
         level=kernel.FORCED if static or plant.cogging else 0,
     )
+
+
+def _places(rows: Array) -> IntArray:
+    """Return the numbers of the columns of each row that are not 0, in order, and -1 behind them."""
+    places = np.argsort(rows == 0.0, axis=-1, kind="stable")
+    places[np.arange(rows.shape[-1]) >= np.count_nonzero(rows, axis=-1)[..., None]] = -1
+    return sealed(places)
 
 
 def filled_columns(plant: Plant, *, pushed: bool = False) -> int:
