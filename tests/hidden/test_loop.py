@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +17,13 @@ import pytest
 from ph_post.cli.main import main
 from tests.support.plants.axis import Hidden, Plant
 from tests.support.plants.courses import draw_course
-from tests.support.plants.loops import follow
 from tests.support.plants.readings import Floats, Observer, Sensor
+from tests.support.two_masses import Body, table_of
 
 MM = 1e3
+PERIOD = 1e-3
+"""[s] Between rows."""
+
 RADIUS = 0.012
 SETTLED = 0.5
 """[s] After that start-up is over."""
@@ -72,45 +74,31 @@ def machine_text(*gaps: float) -> str:
     return MACHINE + "".join(AXIS.format(name=n, b=p.b, c=p.c, gap=gap * MM) for n, p, gap in axes)
 
 
-@dataclass(frozen=True)
-class Table:
-    """An interpolator table as a command: linear between its rows, at rest behind the last."""
-
-    t: list[float]
-    position: list[list[float]]
-
-    @property
-    def end(self) -> float:
-        return self.t[-1] + 0.2
-
-    def command(self, axis: int) -> Callable[[float], float]:
-        values, period = [row[axis] for row in self.position], self.t[1] - self.t[0]
-
-        def at(t: float) -> float:
-            k = min(max(int(t / period), 0), len(values) - 2)
-            share = min(max(t / period - k, 0.0), 1.0)
-            return values[k] + share * (values[k + 1] - values[k])
-
-        return at
-
-
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> Floats:
+    """Rows (n, 2) [m] of an interpolator table a millisecond from each other, at rest at its end for 0.2 s."""
     with path.open() as lines:
         rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
-    position = [[float(row[name]) / MM for name in "XY"] for row in rows]
-    return Table([float(row["t"]) for row in rows], position)
+    assert np.allclose(np.diff([float(row["t"]) for row in rows]), PERIOD)
+    position = np.array([[float(row[name]) / MM for name in "XY"] for row in rows])
+    return np.pad(position, ((0, round(0.2 / PERIOD)), (0, 0)), "edge")
 
 
-def executed_error(table: Table, plants: tuple[Plant, ...]) -> float:
+def executed_error(table: Floats, plants: tuple[Plant, ...]) -> float:
     """Largest distance [m] from the circle of what the plants do with a table, behind the start-up.
 
     A plant starts from rest at 0: it is given the command from where it stands.
     """
-    begin = table.position[0]
-    moved = replace(table, position=[[x - x0 for x, x0 in zip(row, begin, strict=True)] for row in table.position])
-    x, y = (follow(p, moved, axis).table + begin[axis] for axis, p in enumerate(plants))  # type: ignore[arg-type]
-    counted = np.arange(len(x)) * 1e-3 > SETTLED
+    begin = table[0]
+    x, y = (table_of(body_of(p), table[:, k] - begin[k], PERIOD, p.flank, 0.0) + begin[k] for k, p in enumerate(plants))
+    counted = np.arange(len(x)) * PERIOD > SETTLED
     return float(np.max(np.abs(np.hypot(x, y) - RADIUS)[counted]))
+
+
+def body_of(plant: Plant) -> Body:
+    """The same axis, of Coulomb friction at most, as one of the tests' two masses: they run a hundred times as fast."""
+    dry = sum((each["force"] for each in plant.effects), 0.0)
+    friction = (dry, dry, *(0.0,) * 5)
+    return Body(plant.feedback, plant.b, plant.c, 0.0, 0.0, plant.gap, plant.eta, plant.beta, rule=0, friction=friction)
 
 
 def record(seed: int) -> tuple[list[str], Floats]:
@@ -122,7 +110,7 @@ def record(seed: int) -> tuple[list[str], Floats]:
     sensor = Sensor(3e-7, 1e-7)
     names = ["t", "X_cmd", "Y_cmd", *readings]
     columns = [*commands, *(sensor.read(values, rng) for values in readings.values())]
-    t = np.arange(len(commands[0])) * 1e-3
+    t = np.arange(len(commands[0])) * PERIOD
     return names, np.column_stack([t, *(one * MM for one in columns)])
 
 
@@ -146,7 +134,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def converted(folder: Path, machine: str) -> Table:
+def converted(folder: Path, machine: str) -> Floats:
     table = folder / f"{machine}.csv"
     run("convert", folder / "circle.json", "-m", folder / f"{machine}.toml", "--table", table, "--effort", 0.1)
     return read_table(table)
