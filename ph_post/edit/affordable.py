@@ -161,27 +161,35 @@ def _leave_behind(
     found: dict[str, Array],
     gain: Mapping[str, Array],
 ) -> None:
-    """Leave all axes that reverse there from a place in a section on, and sections that gain less for their time."""
+    """Leave all axes that reverse there from a place in a section on, and sections that gain less for their time.
+
+    Where that is still too much, axes that do not reverse there are left too.
+    """
     total = np.sum(list(gain.values()), axis=0)
     parts = _SectionParts(search, found, total, largest_first=options.largest_first)
     turns = {name: np.sort(rows[rows[:, SIGN] != 0.0, MOTION]) for name, rows in found.items()}
 
-    def leave(budget: float) -> None:
+    def leave(budget: float, *, resting: bool) -> None:
         search.take_again(search.for_now)
         for begin, end in parts.left(budget):
             for n in search.divided(begin, end):
-                for name in _turning(turns, begin, end):
+                for name in found if resting else _turning(turns, begin, end):
                     search.give_up(name, n, _too_costly(options.pace * parts.cost[name], need), for_now=True)
 
-    low, high = 0.0, allowed
-    leave(high)
-    if not _fits(search, options, allowed):
+    # Where many cuts are left, the axes that keep their offset take it back so often that there is no time for that.
+    for resting in (False, True):
+        low, high = 0.0, allowed
+        leave(high, resting=resting)
+        if _fits(search, options, allowed):
+            return
         # It costs something to begin and to end between two cuts.
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            leave(middle)
+            leave(middle, resting=resting)
             low, high = (middle, high) if _fits(search, options, allowed) else (low, middle)
-        leave(low)
+        leave(low, resting=resting)
+        if low > 0.0 or _fits(search, options, allowed):
+            return
 
 
 def _turning(turns: Mapping[str, Array], begin: int, end: int) -> list[str]:

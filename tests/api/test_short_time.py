@@ -23,7 +23,7 @@ from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.dialects.declaration import line_origins
 from ph_post.dialects.reading import read_as
 from ph_post.dialects.registry import find_dialect
-from ph_post.edit.affordable import AxisInSections, worth_most
+from ph_post.edit.affordable import SPARE, AxisInSections, worth_most
 from ph_post.edit.crossings import CrossingPlace, CrossingPlanner
 from ph_post.edit.edits import TOLERANCE, CrossingEdit, EditOptions, Edits
 from ph_post.edit.offset_edits import plan_offsets
@@ -343,6 +343,22 @@ def test_one_long_cut_is_compensated_up_to_where_the_time_ends(dialect: str, par
     assert found.time is not None
     assert found.rms[1] < math.sqrt(1.0 - part + 0.05) * found.rms[0]
     assert found.time[1] <= 1.105 * found.time[0]
+
+
+@pytest.mark.parametrize("allowed", [0.02, 0.05])
+def test_many_short_cuts_keep_to_the_time_in_parts(allowed: float) -> None:
+    """Where a cut was left from a tip on, what its axes took back in front of that took 6 % of the time, always."""
+    marks = [
+        f"G0 X{x:g} Y{y:g}\nG1 Z0 F9000\nG1 X{x + 0.3:g} Y{y + 0.3:g} F3000\nG1 X{x + 0.6:g} Y{y:g}\nG0 Z1\n"
+        for y in range(0, 32, 4)
+        for x in range(0, 24, 3)
+    ]
+    program = read_as("grbl", ("G21 G90 G0 Z1\n" + "".join(marks) + "M2\n").encode(), "marks.nc")
+    options = EditOptions(max_slowdown=allowed, in_parts=True)
+    found = plan_offsets(program, stepper("grbl"), find_dialect("grbl"), options)
+    assert found.short
+    assert found.stops
+    assert found.slowdown <= allowed + SPARE
 
 
 FOUND = GuardFinding(worse=frozenset(), slowdown=0.05, planned=0.08, rms=1e-5)
