@@ -61,6 +61,7 @@ class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     `runs_on` are those of them that only a table makes worse which runs on in its backlash. `slowdown` is found by
     running it, `planned` what was reckoned for it; `rms` is the error of the whole program [m]. `places` are the
     motions in which nothing but the largest error of such a section is larger, first and last of each stretch of them.
+    Of a program that is too long to be `simulated` no more is known than its time.
     """
 
     worse: frozenset[int]
@@ -69,6 +70,7 @@ class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     rms: float = 0.0
     runs_on: frozenset[int] = frozenset()
     places: tuple[tuple[int, int], ...] = ()
+    simulated: bool = True
 
 
 class Guard:
@@ -96,12 +98,13 @@ class Guard:
         Returns
         -------
         GuardFinding or None
-            None where a program is too long to be simulated, or cannot be.
+            None where a program cannot be simulated.
         """
         before = self._before
         try:
+            slowdown = after.time / max(before.time, 1e-9) - 1.0
             if max(before.time, after.time) > LONGEST_SIMULATED:
-                return None
+                return GuardFinding(worse=frozenset(), slowdown=slowdown, planned=planned, simulated=False)
             one, other = self._errors, _section_errors(after)
             stays, *runs = map(_worse_sections, one, other)
             places = _worse_places(after, one[0], other[0], stays.difference(*runs))
@@ -111,7 +114,7 @@ class Guard:
             worse=stays.union(*runs),
             runs_on=frozenset().union(*runs) - stays,
             places=places,
-            slowdown=after.time / max(before.time, 1e-9) - 1.0,
+            slowdown=slowdown,
             planned=planned,
             rms=float(other[0][-1, 1]),
         )
