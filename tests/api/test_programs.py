@@ -339,14 +339,6 @@ def test_a_program_that_begins_with_a_cut_is_compensated_from_there(before):
     assert found.time[1] < 1.1 * found.time[0]
 
 
-def test_where_the_first_cut_begins_the_tool_may_stand_longer_while_an_axis_comes_to_its_side():
-    """In the plain program it passes the first micrometres of the way as far off, only faster."""
-    text = "G1 F6000\nG1 X0 Y0\nG1 X200 Y0\nG1 X200 Y200\nG1 X0 Y200\nG1 X0 Y0\nG1 X200 Y200\nG1 X0 Y0\n"
-    found = judge(Entry("square", File(), "grbl", text))
-    assert (found.compensated, found.followed) == (found.reversals, found.shown)
-    assert found.rms[1] < 0.001
-
-
 def test_a_step_from_wherever_the_machine_stands_is_left_as_it_is():
     """On which side of its backlash the table stands is not known, so no move of the motor alone makes it better."""
     found = judge(Entry("step", File(), "linuxcnc", "G21\nG91\nG1 X5 F50\nM2\n"))
@@ -491,3 +483,28 @@ def test_where_a_corner_alone_would_be_rounded_more_no_more_than_it_is_left(widt
     found = judge(Entry("outline", File(), "linuxcnc", text))
     assert found.compensated == found.reversals
     assert found.rms[1] < left * found.rms[0]
+
+
+@pytest.mark.parametrize("dialect", ["grbl", "linuxcnc", "marlin"])
+def test_a_place_that_gets_another_name_is_no_way(dialect):
+    """G92 names a place 71 mm away: the way there was looked for so far ahead, and the first square called 1 mm off."""
+    sizes = [(3.2 - 0.4 * n, 6.55 - 0.4 * n) for n in range(8)]
+    squares = "".join(
+        f"G1 X{-x:.2f} Y{-y:.2f} F3600\nG1 X{x:.2f}\nG1 Y{y:.2f}\nG1 X{-x:.2f}\nG1 Y{-y:.2f}\n" for x, y in sizes
+    )
+    text = f"G21 G90\nG0 X50 Y50\nG92 X0 Y0\nG0 X-4.3 Y-6.75\n{squares}"
+    found = judge(Entry("squares", File(), dialect, text))
+    assert found.compensated == found.reversals == 32
+    assert found.followed == found.shown > 20
+    assert found.rms[1] < 1e-6
+
+
+@pytest.mark.parametrize("dialect", ["grbl", "marlin"])
+def test_where_a_table_happens_to_stand_at_first_is_no_error_of_what_is_written(dialect):
+    """On the first 25 µm of a cut X comes to its side, before Y: that was looked at there, and the original not."""
+    ends = [(200, 0), (200, 200), (0, 200), (0, 0), (200, 200), (0, 0), (200, 0), (0, 200), (200, 0), (0, 0)]
+    lines = "".join(f"G1 X{x} Y{y}\n" for x, y in ends)
+    found = judge(Entry("lines", File(), dialect, f"G21 G90\nG1 F6000\nG1 X0 Y0\n{lines}G1 F12000\n{lines}"))
+    assert found.compensated == found.reversals == 26
+    assert found.followed == found.shown > 10
+    assert found.rms[1] < 0.02 * found.rms[0]

@@ -154,8 +154,8 @@ class CutPath:
         first = int(self.legs.motion[0])
         placed = self.program.modal_after(int(self.program.motions.block[first])).absolute
         behind_rest = np.append(first > 0 or not placed, ~works[:-1])[leg]
-        # Until then a table that stands behind by half of its backlash is where it was before the cut.
-        begun = max(BEGINS, 0.5 * float(self.gaps(command).max())) if placed else BEGINS
+        # Up to there a table is where it happened to stand, in whichever line an axis comes to its side.
+        begun = np.where((leg == 0) & placed, max(BEGINS, float(self.gaps(command).max())), BEGINS)
         begins = behind_rest & (place <= self.starts[leg] + begun)
         cuts = works[leg] & ~begins
         if moved_by is not None and moved_by.motions.kind.size:
