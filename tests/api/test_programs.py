@@ -508,3 +508,11 @@ def test_where_a_table_happens_to_stand_at_first_is_no_error_of_what_is_written(
     assert found.compensated == found.reversals == 26
     assert found.followed == found.shown > 10
     assert found.rms[1] < 0.02 * found.rms[0]
+
+
+def test_a_program_that_first_says_where_it_stands_is_played_from_there():
+    """The tests' own player had no path for the first cut behind G92: it called what is compensated 16 mm off."""
+    lines = "G1 X90 Y0 F600\nG1 X0 Y83.67\nG1 X16.17\nG1 X16.25 Y83.75\nG1 X67.75 Y79.08\nG1 X38 Y77.92\nG1 X69 Y70\n"
+    found = judge(Entry("lines", File(), "grbl", f"G92 X0 Y0\n{lines}"))
+    assert found.followed == found.shown == 5
+    assert found.rms[1] < 0.1 * found.rms[0]
