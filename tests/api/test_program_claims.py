@@ -1,5 +1,6 @@
 """What a program's compensation says of its error is what play alone does to the paths that are written."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -48,3 +49,26 @@ def test_the_error_that_backlash_causes_is_that_of_a_play_operator(tmp_path: Pat
             )
             assert 0.98 * cut[0] - MICROMETRE < 1e3 * found.max < 1.02 * moved[0] + MICROMETRE
             assert 0.95 * cut[1] - MICROMETRE < 1e3 * found.rms < 1.05 * moved[1] + MICROMETRE
+
+
+@pytest.mark.parametrize("dialect", ["linuxcnc", "grbl", "fanuc"])
+def test_what_is_said_of_a_part_does_not_depend_on_what_its_places_are_called(tmp_path: Path, dialect: str) -> None:
+    """Two squares, of which the second is written from the first one's zero, or from one that G92 names."""
+    machine = replace(stepper_with_play_in_the_plane(), dialect=dialect)
+    one = "G0 X5. Y0 Z2.\nG1 Z-1. F200\nG1 X25. Y10. F900\nX15. Y30.\nX-5. Y20.\nX5. Y0.\nG0 Z2.\n"
+    programs = [f"G21 G17 G90 G94\n{one}{other}M30\n" for other in (shifted(one), f"G0 X45. Y3.\nG92 X5. Y0\n{one}")]
+    for number, text in enumerate(programs):
+        (tmp_path / f"{number}.nc").write_text(text)
+    whole, named = (ph.compensate(tmp_path / f"{number}.nc", machine) for number in range(2))
+    # Before a line that gives places other names the axes go back to where the program has them.
+    for found, known, within in ((named.before, whole.before, 1e-3), (named.after, whole.after, 0.1)):
+        for error, other in ((found.error_gap, known.error_gap), (found.error, known.error)):
+            assert error.max == pytest.approx(other.max, rel=within, abs=1e-7)
+            assert error.rms == pytest.approx(other.rms, rel=within, abs=1e-7)
+    assert named.after.error_gap.max < 0.2 * named.before.error_gap.max
+
+
+def shifted(text: str) -> str:
+    """The same 40 mm on in X, and 3 mm in Y."""
+    words = {"X": 40.0, "Y": 3.0}
+    return re.sub(r"([XY])([-\d.]+)", lambda word: f"{word[1]}{float(word[2]) + words[word[1]]:.3f}", text)

@@ -124,7 +124,7 @@ class CutPath:
 
     def counterparts(self, program: PartProgram, command: Command) -> Counterparts | None:
         """Return which motions of this program those of another stand for that moves a command."""
-        return counterparts(program, self.program, self._gaps_by_name(command))
+        return counterparts(with_one_zero(program), self.program, self._gaps_by_name(command))
 
     def _gaps_by_name(self, command: Command) -> dict[str, float]:
         return dict(zip(command.axes, self.gaps(command).tolist(), strict=True))
