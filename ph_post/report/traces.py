@@ -267,6 +267,7 @@ def program_picture(
         rapids=tuple((float(path.starts[k]), float(path.starts[k + 1])) for k in rapid.tolist()),
         unknown=tuple((float(path.starts[k]), float(path.starts[k + 1])) for k in unknown.tolist()),
         notes=(
+            *(["G92 or the like moves the zero: places are those from the first one"] if path.renames else []),
             *(
                 f"{line_words(*lines)}: where the axes are is not known; nothing is drawn, and no number is given"
                 for lines in unknown_lines(original)

@@ -72,6 +72,13 @@ class CutPath:
     program : PartProgram
     machine : Machine
 
+    Attributes
+    ----------
+    program : PartProgram
+        The same, with all of its places from its first zero.
+    renames : bool
+        Whether the program itself has other zeros in between.
+
     Raises
     ------
     InputError
@@ -79,7 +86,7 @@ class CutPath:
     """
 
     def __init__(self, program: PartProgram, machine: Machine) -> None:
-        program = with_one_zero(program)
+        written, program = program, with_one_zero(program)
         legs = programmed(program, limit_table(machine))
         kept = np.flatnonzero(legs.length > 0.0)
         if kept.size == 0:
@@ -91,6 +98,7 @@ class CutPath:
         self._machine = machine
         self._works = working_motions(program, machine.tool).on
         self.program = program
+        self.renames = program is not written
 
     def follow(self, command: Command, known: Counterparts | None = None) -> tuple[IntArray, Array]:
         """Leg of every row of a command, and its place along the program [m].
