@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, Final
 
 import numpy as np
 
+from ph_post.compiling import compiled, read_only
 from ph_post.types import Array, IntArray
+
+TINY: Final = float(np.finfo(np.float64).tiny)
+"""Squared length of a chord that has none."""
 
 
 def largest(values: Array) -> Array:
@@ -56,13 +61,25 @@ def polyline_distances(points: Array, line: Array) -> Array:
     >>> polyline_distances(np.array([[1.0, 2.0], [5.0, 0.0]]), np.array([[0.0, 0.0], [4.0, 0.0]])).tolist()
     [2.0, 1.0]
     """
-    start, chord = line[:-1], np.diff(line, axis=0)
-    square = np.maximum(np.einsum("mk,mk->m", chord, chord), np.finfo(np.float64).tiny)
-    offset = points[:, None] - start
-    along = np.clip(np.einsum("nmk,mk->nm", offset, chord) / square, 0.0, 1.0)
-    away = offset - along[..., None] * chord
-    distances: Array = np.sqrt(np.einsum("nmk,nmk->nm", away, away)).min(axis=1)
-    return distances
+    found: Array = _polyline_distances(read_only(points), read_only(line))
+    return found
+
+
+@compiled
+def _polyline_distances(points: Any, line: Any) -> Any:
+    found = np.full(points.shape[0], np.inf)
+    for n in range(points.shape[0]):
+        for m in range(line.shape[0] - 1):
+            square, part, away = TINY, 0.0, 0.0
+            for k in range(points.shape[1]):
+                chord = line[m + 1, k] - line[m, k]
+                square += chord * chord
+                part += (points[n, k] - line[m, k]) * chord
+            share = min(max(part / square, 0.0), 1.0)
+            for k in range(points.shape[1]):
+                away += (points[n, k] - line[m, k] - share * (line[m + 1, k] - line[m, k])) ** 2
+            found[n] = min(found[n], away)
+    return np.sqrt(found)
 
 
 def runs(rows: IntArray) -> list[IntArray]:
