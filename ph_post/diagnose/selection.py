@@ -472,6 +472,10 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
         problem, last.left, problem.held
     ):
         equal = tuple(dict.fromkeys((*equal, CUTTING_NEARLY_VISCOUS.name)))
+    if _is_like_a_delay(part) and any(
+        one.hypothesis.label == LATE_COMMAND.label and not has_structure(problem, one.fitted) for one in ranking
+    ):
+        equal = tuple(dict.fromkeys((*equal, LATE_COMMAND.name)))
     kinds = [
         one.fitted.model.parts[-1]
         for one in ranking
@@ -486,6 +490,14 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
         better=best.fitted if best.score > mine + max(PRICE, 0.5 * margin) else None,
         kinds=tuple(kinds),
     )
+
+
+def _is_like_a_delay(part: ModelPart) -> bool:
+    """Whether a part is a force that goes about by the commanded speed: what it takes is what a late command takes.
+
+    What is left between both goes with b and with the command's course between rows.
+    """
+    return part.hypothesis.label == CUTTING_BY_FEED.label and part.numbers[1] > NEARLY_BY_SPEED
 
 
 def _as_late(problem: AxisProblem, last: FittedModel, number: int) -> list[tuple[Hypothesis, FittedModel]]:

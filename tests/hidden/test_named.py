@@ -158,6 +158,15 @@ def test_gains_that_are_off_in_a_cascade_without_an_integrator_are_named() -> No
 
 
 @pytest.mark.slow
+def test_a_force_by_the_commanded_speed_is_as_good_as_a_late_command() -> None:
+    """A delay of 0.59 ms was named a cutting force of an exponent of 1.0003, without a word of doubt."""
+    result = diagnosed("single", ["transport_delay"], "act", "motor", 14000)
+    assert result["verdict"] == "ambiguous"
+    (found,) = result["findings"]
+    assert {found["name"], *found["ambiguous_with"]} >= {"transport_delay", "cutting_force"}
+
+
+@pytest.mark.slow
 def test_an_origin_is_freed_where_a_held_one_leaves_more_of_the_positions() -> None:
     """The force leaves more than the noise of its rest either way; the motor 13 µm rms with the origin held."""
     is_named_and_sized("command_filter", "motor+force", "cascade-load", 8018)
