@@ -23,7 +23,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ph_post.drive.plant import Plant
-from ph_post.types import Array
+from ph_post.types import Array, frozen
 
 STATES: Final = 6
 """x, v of the table, m, w of the motor [m, m/s], the integral of the error [m s], and what a current loop gives [m]."""
@@ -118,14 +118,17 @@ Motion = dict[str, Array]
 """Rates of change by the name of the state."""
 
 
+_STAY: Final = frozen(np.eye(STATES, WIDTH))
+
+
 def stay() -> Array:
     """Reset that leaves the state as it is."""
-    return np.eye(STATES, WIDTH)
+    return _STAY
 
 
 def reset(**rows: Array) -> Array:
     """Reset that gives the states named another value, and leaves the others."""
-    matrix = stay()
+    matrix = stay().copy()
     for name, row in rows.items():
         matrix[NAMES.index(name)] = row
     return matrix

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -95,17 +96,22 @@ def _limited(size: float, row: Array, key: Key, side: int, step: int) -> list[Gu
     return [Guard(limit - s * row, PLACE_NOISE, other(s), stay()) for s in (1, -1)]
 
 
+_RATE: Final = int(np.argmax(X_dot))
+"""Place of the command's rate in a row."""
+
+_HELD: Final = frozen(np.stack([X, g, q, fed_row], axis=1) @ np.stack([X_dot, g_dot, q_dot, fed_dot]))
+"""Rates of what runs on by itself."""
+
+
 def _rates(motion: Motion) -> Array:
-    matrix = np.zeros((WIDTH, WIDTH))
+    matrix = _HELD.copy()
     for name, row in motion.items():
         matrix[NAMES.index(name)] = row
-    for held, row in ((X, X_dot), (g, g_dot), (q, q_dot), (fed_row, fed_dot)):
-        matrix[int(np.argmax(held))] = row
     return matrix
 
 
 def _pack(modes: dict[Key, tuple[Array, list[Guard]]], moving: str) -> Automaton:
-    keys = tuple(modes)
+    keys, places = tuple(modes), {key: k for k, key in enumerate(modes)}
     most = max(len(guards) for _, guards in modes.values())
     shape = (len(keys), most)
     rows, noise = np.zeros((*shape, WIDTH)), np.zeros(shape)
@@ -113,7 +119,7 @@ def _pack(modes: dict[Key, tuple[Array, list[Guard]]], moving: str) -> Automaton
     for mode, (_, guards) in enumerate(modes.values()):
         for number, guard in enumerate(guards):
             rows[mode, number], noise[mode, number] = guard.row, guard.noise
-            targets[mode, number] = [keys.index(target) for target in guard.target]
+            targets[mode, number] = [places[target] for target in guard.target]
             resets[mode, number] = guard.reset
     directions = np.array([key[1] for key in keys], dtype=np.int64)
     counts = np.array([len(guards) for _, guards in modes.values()], dtype=np.int64)
@@ -160,7 +166,7 @@ def given_by(plant: Plant, command: Array, fed: Array, states: Array, period: fl
     array([0., 1., 3., 7.])
     """
     drive = drive_model(plant)
-    at, rate = drive.rows(0), int(np.argmax(X_dot))
+    at, rate = drive.rows(0), _RATE
     speed = np.empty_like(command)
     speed[1:], speed[:1] = np.diff(command) / period, (command[1:2] - command[:1]) / period
 
