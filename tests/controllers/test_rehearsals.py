@@ -81,3 +81,17 @@ def test_two_runs_are_the_same_to_the_last_bit() -> None:
     if not (one.lockstep and two.lockstep):
         pytest.skip("without a compiler, or as another user than root, LinuxCNC runs as time passes on the wall")
     np.testing.assert_array_equal(one.position, two.position)
+
+
+def test_a_zero_that_is_moved_between_cuts_moves_no_joint() -> None:
+    from ph_post.drive.machinefile import read_machine
+    from ph_post.gcode.read import read_program
+    from ph_post.rehearse.rehearse import rehearse
+
+    square = "G0 X5 Y0 Z2\nG1 Z-1 F200\nG1 X25 Y10 F900\nX15 Y30\nX-5 Y20\nX5 Y0\nG0 Z2\n"
+    text = f"G21 G17 G90 G94 G64 P0.005\n{square}G0 X45 Y3\nG92 X5 Y0\n{square}M2\n"
+    found = rehearse(read_program(text.encode(), "squares"), read_machine("router"))
+    real, planned = found.real.error.error, found.plan.error.error
+    assert real.max == pytest.approx(planned.max, rel=0.05)
+    assert real.rms == pytest.approx(planned.rms, rel=0.05)
+    assert found.path <= found.allowed
