@@ -57,6 +57,9 @@ PEAKS = 4
 GAP_CYCLES = 4.0
 """A line that is left with fewer periods between two rounded corners becomes part of the second."""
 
+LEFT_OF_ARC = 1.0 - 1e-6
+"""Part of an arc that the rounding at its end may take, of what that at its beginning leaves."""
+
 LEAST_CYCLES = 1.02
 """Periods that a leg takes at least where it is passed at speed."""
 
@@ -228,7 +231,9 @@ def _rounding(
     for k in (row, row + 1):
         if legs[k, TOLERANCE] > 0.0:
             allowed = min(allowed, legs[k, TOLERANCE])
-    longest = min(table[row, LENGTH], 0.5 * table[row, NOMINAL], 0.5 * table[row + 1, LENGTH])
+    # Of an arc something is left: one without length has no direction.
+    left = table[row, LENGTH] * (LEFT_OF_ARC if legs[row, RADIUS] > 0.0 else 1.0)
+    longest = min(left, 0.5 * table[row, NOMINAL], 0.5 * table[row + 1, LENGTH])
     for k in (row, row + 1):
         if legs[k, RADIUS] > 0.0:
             longest = min(longest, math.sqrt(2.0 * legs[k, RADIUS] * OFF_TANGENT))

@@ -104,6 +104,16 @@ def test_places_that_are_set_do_not_lose_the_way() -> None:
     assert found.error.max < 1e-9
 
 
+def test_a_short_arc_that_both_of_its_roundings_would_take_whole_has_places() -> None:
+    """31 µm of an arc between lines of 46 and 109 µm, as a crossing in a small pocket leaves it."""
+    lines = ["G1 X49.2249 Y116.2825 F305.8", "X49.2251 Y116.3105 F281.7", "X49.2416 Y116.3391", "X49.2749 Y116.3675"]
+    lines += ["X49.2993 Y116.4069 F305.8", "G2 X49.3191 Y116.4313 I0.1257 J-0.0819 F2000", "G1 X49.4246 Y116.4583 F800"]
+    found = run(STEPPER, "G64", "G0 X49.2493 Y116.2432", *lines, "X49.4458 Y116.4699 F305.8", "X49.4668 Y116.4563")
+    assert np.isfinite(found.position).all()
+    cut = np.linalg.norm(np.diff(found.position[found.segment > 0], axis=0), axis=1)
+    assert cut.max() <= 2.0 / 60.0 * STEPPER.servo_period * 1.0001
+
+
 def test_every_row_knows_its_motion() -> None:
     found = run(ROUTER, "G64 P0.01 Q0", "G0 X10", "G1 X20 F1200", "Y10", "G3 X10 Y20 I-10", "G0 X0 Y0")
     assert (np.diff(found.segment) >= 0).all()
