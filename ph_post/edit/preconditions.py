@@ -170,7 +170,8 @@ def reckoned_feeds(program: PartProgram, machine: Machine) -> PartProgram:
 
     New lines carry no F there: they have the feed in force. That will do in chains of one feed mode, where no motor
     lags: then backlash is crossed over the same length of path at any feed. Of a beam it is the fastest that X and Y
-    can: a crossing burns a corner that is passed slowly less than twice as long, and one that is passed fast most.
+    can: a crossing burns a corner that is passed slowly less than twice as long, and one that is passed fast most. So
+    it is of a print that never says one.
     """
     motions = program.motions
     unknown = without_feed(program)
@@ -178,7 +179,7 @@ def reckoned_feeds(program: PartProgram, machine: Machine) -> PartProgram:
     if not unknown.any():
         return program
     tool, speeds = working_motions(program, machine.tool).tool, [axis.limits.velocity for axis in machine.axes.values()]
-    if lags or tool == "extruder":
+    if lags or (tool == "extruder" and not unknown[motions.kind != RAPID].all()):
         return _parted_behind(program, unknown)
     assumed = ASSUMED_FEED if tool == "cutter" else max(speeds)
     low, high = chain_spans(motions)

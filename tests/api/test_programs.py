@@ -516,3 +516,12 @@ def test_a_program_that_first_says_where_it_stands_is_played_from_there():
     found = judge(Entry("lines", File(), "grbl", f"G92 X0 Y0\n{lines}"))
     assert found.followed == found.shown == 5
     assert found.rms[1] < 0.1 * found.rms[0]
+
+
+def test_a_print_that_never_says_a_feed_is_compensated_with_the_one_in_force():
+    ends = [(20, 0), (20, 15), (3, 17), (0, 2), (18, 4), (16, 13), (5, 14), (4, 5)]
+    beads = "".join(f"G1 X{x} Y{y} E{number}\n" for number, (x, y) in enumerate(ends, 1))
+    text = f"G21\nG90\nG28\nG92 E0\nG0 X1 Y1 Z0.3\n{beads}G0 X0 Y0\n"
+    found = judge(Entry("print", File(), "marlin", text))
+    assert found.compensated == found.reversals > 5
+    assert found.followed == found.shown
