@@ -20,6 +20,7 @@ from ph_post.errors import PhPostError
 from ph_post.gcode.program import PlaceArray
 from ph_post.simulate.assess import is_nominal, run_scenarios
 from ph_post.simulate.controllers.deviation import FollowedCut
+from ph_post.simulate.controllers.unknown import unknown_motions
 from ph_post.types import Array, BoolArray, IntArray, Scenario
 from ph_post.units import MM
 
@@ -61,7 +62,8 @@ class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     `runs_on` are those of them that only a table makes worse which runs on in its backlash. `slowdown` is found by
     running it, `planned` what was reckoned for it; `rms` is the error of the whole program [m]. `places` are the
     motions in which nothing but the largest error of such a section is larger, first and last of each stretch of them.
-    Of a program that is too long to be `simulated` no more is known than its time.
+    Of a program that is too long to be `simulated` no more is known than its time. `gains` says that the part is better
+    as a whole, or may be where its places are not known.
     """
 
     worse: frozenset[int]
@@ -71,6 +73,7 @@ class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     runs_on: frozenset[int] = frozenset()
     places: tuple[tuple[int, int], ...] = ()
     simulated: bool = True
+    gains: bool = True
 
 
 class Guard:
@@ -117,6 +120,7 @@ class Guard:
             slowdown=slowdown,
             planned=planned,
             rms=float(other[0][-1, 1]),
+            gains=_gains(one, other) or bool(unknown_motions(before.original).any()),
         )
 
 
@@ -128,6 +132,11 @@ def _worse_sections(one: Array, other: Array) -> frozenset[int]:
     if not worse.any() and _exceeds(other[-1:], WORSE * one[-1:] + LEAST).any():
         worse = _blamed(one, other)
     return frozenset(np.flatnonzero(worse).tolist())
+
+
+def _gains(one: Sequence[Array], other: Sequence[Array]) -> bool:
+    """Return whether the largest error of a whole program falls, or its root mean square, by errors of each way."""
+    return any(bool((after[-1, :2] < before[-1, :2]).any()) for before, after in zip(one, other, strict=True))
 
 
 def _exceeds(errors: Array, most: Array) -> BoolArray:

@@ -525,3 +525,9 @@ def test_a_print_that_never_says_a_feed_is_compensated_with_the_one_in_force():
     found = judge(Entry("print", File(), "marlin", text))
     assert found.compensated == found.reversals > 5
     assert found.followed == found.shown
+
+
+def test_where_nothing_can_be_better_nothing_is_written():
+    """One axis that goes one way: its table is late, but on the path, on whichever side of its backlash it begins."""
+    found = judge(Entry("one way", File(), "grbl", "G01 X0 Y0 F1000\nG01 X10 Y0 F2000\nG01 X15 Y0 F1000\nX20\n"))
+    assert found.outcome == "unchanged"
