@@ -18,7 +18,6 @@ from ph_post.api.guard import (
     FURTHER,
     LEAST,
     ROUNDS,
-    SLACK,
     Guard,
     GuardFinding,
     by_what_is_done,
@@ -448,8 +447,7 @@ class _PlanSearch:
         if judged is not None and not (chooses or self._planner.offsets_axes):
             # Dips and stops that were asked for by name keep to the time; what they do to the part is told.
             judged = replace(judged, worse=frozenset())
-        allowed = self._request.edit.max_slowdown
-        if judged is None or (not judged.simulated and judged.slowdown <= allowed + SLACK):
+        if judged is None:
             self._best = self._best or made
             return None
         if judged.planned > self._largest:
@@ -458,13 +456,13 @@ class _PlanSearch:
             self._enough = min(self._enough, judged.slowdown)
         elif behind:
             return replace(options, plain_corners=True)
-        tighter = tightened(options, judged, allowed, self._count)
+        tighter = tightened(options, judged, self._request.edit.max_slowdown, self._count)
         if tighter is not None:
             return self._less(made.edits, judged, options, self._parting(tighter, judged, options))
         if self._kept is None or judged.rms <= self._kept[1].rms:
             self._best = made
             self._kept = options, judged
-        return self._other(options, judged) if made.edits.short else None
+        return self._other(options, judged) if made.edits.short and judged.simulated else None
 
     def _less(
         self, edits: Edits, judged: GuardFinding, options: EditOptions, tighter: EditOptions

@@ -19,7 +19,7 @@ from ph_post.types import Array, BoolArray, IntArray
 
 _PASSED: Final = "not understood"
 """Kind of the break behind a line that was passed through."""
-APART: Final = 1e-9
+_APART: Final = 1e-9
 """Places that differ by less [m] are the same."""
 
 
@@ -59,7 +59,7 @@ def with_one_zero(program: PartProgram) -> PartProgram:
     """
     motions = program.motions
     count = motions.kind.size
-    if not any((np.abs(_jumps(motions, part)) > APART).any() for part in in_parts(count)):
+    if not any((np.abs(_jumps(motions, part)) > _APART).any() for part in in_parts(count)):
         return program
     zero = np.cumsum(_jumps(motions, slice(0, count)), axis=0)
     planes = plane_columns(motions.plane)[:, :2]
@@ -104,7 +104,7 @@ def unknown_motions(program: PartProgram) -> BoolArray:
     for one in program.breaks:
         if one.kind == _PASSED and 0 < one.motion < found.size:
             jump = motions.start[one.motion] - motions.end[one.motion - 1]
-            found[one.motion] |= bool((np.abs(jump) > APART).any())
+            found[one.motion] |= bool((np.abs(jump) > _APART).any())
     return found
 
 
