@@ -1,4 +1,4 @@
-"""Bounds of work: the most samples, blocks and places that one job may take, and the memory that it gives back.
+"""Bounds of work: the most samples, blocks, places and threads that one job may take, and the memory it gives back.
 
 Whatever loops over samples or blocks first estimates their number from lengths, feeds and times, and asks here
 before it begins. A job that is too large is refused in one line that says what would help.
@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import ctypes
 import math
+import os
 from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from typing import Any, Final
 
@@ -55,6 +58,36 @@ def in_parts(size: int, most: int = _PART) -> Iterator[slice]:
     [(0, 65536), (65536, 131072)]
     """
     return (slice(low, low + most) for low in range(0, size, most))
+
+
+_among_others = ContextVar("_among_others", default=False)
+
+
+def processors() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def threads() -> int:
+    """Return on how many threads a job may work: one for each processor, and one where it is a job among others."""
+    return 1 if _among_others.get() else processors()
+
+
+@contextmanager
+def among_others() -> Iterator[None]:
+    """Let what is done within work on one thread: as many processes as there are processors are at work beside it.
+
+    Examples
+    --------
+    >>> with among_others():
+    ...     print(threads())
+    1
+    """
+    before = _among_others.set(True)
+    try:
+        yield
+    finally:
+        _among_others.reset(before)
 
 
 _MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1

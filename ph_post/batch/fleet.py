@@ -18,7 +18,8 @@ from ph_post.api.measurements import identify
 from ph_post.batch.folder import require_room
 from ph_post.batch.rows import one_line
 from ph_post.batch.work import OtherVersionError
-from ph_post.batch.workers import LostJobError, cores, open_workers
+from ph_post.batch.workers import LostJobError, open_workers
+from ph_post.bounds import processors
 from ph_post.drive.machinefile import machine_source
 from ph_post.errors import InputError, OptionsError, PhPostError
 from ph_post.files.storage import (
@@ -201,7 +202,7 @@ def run_fleet(
     if fleet.left:
         scheduler = request.scheduler
         progress("starting workers" if scheduler is None else f"connecting to {scheduler}")
-        with open_workers(min(request.workers or cores(), len(fleet.left)), scheduler) as workers:
+        with open_workers(min(request.workers or processors(), len(fleet.left)), scheduler) as workers:
             workers.wait(progress)
             for done, (name, found) in enumerate(workers.run(identify_job, fleet.jobs(), progress), start=1):
                 fleet.take(name, _lost(str(found)) if isinstance(found, LostJobError) else found)

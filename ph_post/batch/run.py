@@ -21,7 +21,8 @@ from ph_post.batch.folder import BatchPlan, BatchTask, plan_batch
 from ph_post.batch.page import batch_page
 from ph_post.batch.rows import BatchRow, Status, csv_text, one_line, parquet_content, read_rows
 from ph_post.batch.work import BatchJob, convert_job, ready, warm_up
-from ph_post.batch.workers import Bundling, LostJobError, Workers, cores, open_workers
+from ph_post.batch.workers import Bundling, LostJobError, Workers, open_workers
+from ph_post.bounds import processors
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.dialects.declaration import is_written_here
 from ph_post.errors import InputError, OptionsError, PhPostError
@@ -294,7 +295,7 @@ class _Run:
         options, version = self._request.options, self._version
         machines, scheduler = _different(list(self._plan.machines.values())), self._request.scheduler
         self._progress("starting workers" if scheduler is None else f"connecting to {scheduler}")
-        with open_workers(min(self._request.workers or cores(), len(self._left)), scheduler) as workers:
+        with open_workers(min(self._request.workers or processors(), len(self._left)), scheduler) as workers:
             workers.wait(self._progress)
             self._progress("preparing the workers: compiled code")
             for machine in machines:

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import logging
 import math
-import os
 import signal
 import tempfile
 import time
@@ -16,6 +15,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, TypeVar
 
+from ph_post.bounds import among_others
 from ph_post.errors import InputError, PhPostError
 from ph_post.progress import Progress, no_progress
 
@@ -72,11 +72,6 @@ class LostJobError(PhPostError):
 
 class WorkersError(PhPostError):
     """The workers cannot go on: the scheduler has gone, or they lack this package."""
-
-
-def cores() -> int:
-    """Return how many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Bundling(NamedTuple, Generic[J]):
@@ -310,10 +305,11 @@ class _Waiting(Generic[K, J]):
 def _work_through(function: Callable[[J], R], jobs: Sequence[J]) -> list[R]:
     """Return what a function gives of jobs, from the first to that in which the time for a bundle ends."""
     begin, found = time.monotonic(), list[R]()
-    for job in jobs:
-        found.append(function(job))
-        if time.monotonic() - begin >= BUNDLE_TIME:
-            break
+    with among_others():
+        for job in jobs:
+            found.append(function(job))
+            if time.monotonic() - begin >= BUNDLE_TIME:
+                break
     return found
 
 

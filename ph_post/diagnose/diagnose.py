@@ -6,7 +6,6 @@ held-out samples, and one verdict over all axes.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +15,7 @@ import numpy as np
 from msgspec.structs import replace
 from threadpoolctl import threadpool_limits
 
+from ph_post.bounds import threads
 from ph_post.diagnose.explanations import diagnosis_notes, explain, locate_residuals, propose_experiment
 from ph_post.diagnose.findings import AxisDiagnosis, findings_of, fit_chosen_model, improved_axis
 from ph_post.diagnose.fit import base_model, residuals_of
@@ -70,7 +70,7 @@ def diagnose(log: Log, machine: Machine, progress: Progress = no_progress) -> Di
     if quality.faults or not problems:
         return _not_identifiable(log, machine, quality)
     # Matrices of few columns: where the axes go side by side, threads within them wait for each other.
-    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(max_workers=threads()) as pool:
         seconds = _expected(problems)
         search = progress if seconds < SHORT else prefixed(progress, f"about {float(f'{seconds:.1g}'):.0f} s in all")
         outcomes = list(pool.map(lambda one: fit_chosen_model(choose(one, search), _early(one, quality)), problems))
@@ -90,7 +90,7 @@ def _expected(problems: Sequence[AxisProblem]) -> float:
     begin = time.perf_counter()
     residuals_of(problems[0], base_model(problems[0]))
     one = time.perf_counter() - begin
-    return one * RUNS * max(len(problems) / (os.cpu_count() or 1), 1.0)
+    return one * RUNS * max(len(problems) / threads(), 1.0)
 
 
 def _not_identifiable(log: Log, machine: Machine, quality: LogQuality) -> Diagnosis:

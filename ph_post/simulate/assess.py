@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import combinations
@@ -12,7 +11,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.bounds import in_parts
+from ph_post.bounds import in_parts, threads
 from ph_post.drive.effects.active import plant_of
 from ph_post.simulate.contour import (
     ContourError,
@@ -145,7 +144,7 @@ def run_scenarios(measure: Callable[[Scenario], T], tried: Iterable[Scenario]) -
     """Measure every scenario, side by side, in the order of `tried`."""
     # The first alone, so that the engine is compiled once, and that is printed once.
     first_of_all, *others = tried
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+    with ThreadPoolExecutor(max_workers=threads()) as pool:
         return (measure(first_of_all), *pool.map(measure, others))
 
 

@@ -17,6 +17,7 @@ from support.pipelines import heeding_interrupts
 from ph_post.batch import workers as module
 from ph_post.batch.workers import Bundling, LostJobError, WorkersError, open_workers
 from ph_post.cli.main import main
+from ph_post.simulate.assess import run_scenarios
 
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -288,6 +289,27 @@ def test_a_bundle_ends_with_its_time(monkeypatch):
     assert module._work_through(abs, [-1, -2]) == [1, 2]
     monkeypatch.setattr(module, "BUNDLE_TIME", 0.0)
     assert module._work_through(abs, [-1, -2]) == [1]
+
+
+def test_a_job_in_a_worker_works_on_one_thread(monkeypatch):
+    monkeypatch.setattr("ph_post.bounds.processors", lambda: 4)
+    assert _at_once(0) == 4
+    assert module._work_through(_at_once, [0]) == [1]
+    assert _at_once(0) == 4
+
+
+def _at_once(_job):
+    """Measure nine scenarios, and return of how many the measurements overlapped."""
+    running, most = set(), [0]
+
+    def measure(one):
+        running.add(one)
+        time.sleep(0.03)
+        most[0] = max(most[0], len(running))
+        running.discard(one)
+
+    run_scenarios(measure, range(9))
+    return most[0]
 
 
 def _raises(_job):
