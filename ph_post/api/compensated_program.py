@@ -56,7 +56,7 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
         plan, edit = (msgspec.json.decode(msgspec.json.encode(one)) for one in (self.plan, self.edit))
         # What only tables have decides nothing here, nor does what the runs of one plan say for the next.
         del plan["pushes_first"]
-        for name in ("cycle", "pace", "largest_first", "stretches", "in_parts", "plain_corners"):
+        for name in ("cycle", "pace", "largest_first", "stretches", "in_parts", "plain_corners", "halts"):
             del edit[name]
         for name in ("position_from", "overshoot", "part_side"):
             # Programs that were compensated before these options were known are still recognized.

@@ -61,9 +61,9 @@ class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
 
     `runs_on` are those of them that only a table makes worse which runs on in its backlash. `slowdown` is found by
     running it, `planned` what was reckoned for it; `rms` is the error of the whole program [m]. `places` are the
-    motions in which nothing but the largest error of such a section is larger, first and last of each stretch of them.
-    Of a program that is too long to be `simulated` no more is known than its time. `gains` says that the part is better
-    as a whole, or may be where its places are not known.
+    motions in which nothing but the largest error of such a section is larger, first and last of each stretch of them,
+    and `corners` the motions at whose ends that is. Of a program that is too long to be `simulated` no more is known
+    than its time. `gains` says that the part is better as a whole, or may be where its places are not known.
     """
 
     worse: frozenset[int]
@@ -72,6 +72,7 @@ class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     rms: float = 0.0
     runs_on: frozenset[int] = frozenset()
     places: tuple[tuple[int, int], ...] = ()
+    corners: frozenset[int] = frozenset()
     simulated: bool = True
     gains: bool = True
 
@@ -110,13 +111,14 @@ class Guard:
                 return GuardFinding(worse=frozenset(), slowdown=slowdown, planned=planned, simulated=False)
             one, other = self._errors, _section_errors(after)
             stays, *runs = map(_worse_sections, one, other)
-            places = _worse_places(after, one[0], other[0], stays.difference(*runs))
+            places, corners = _worse_places(after, one[0], other[0], stays.difference(*runs))
         except (PhPostError, MemoryError):
             return None
         return GuardFinding(
             worse=stays.union(*runs),
             runs_on=frozenset().union(*runs) - stays,
             places=places,
+            corners=corners,
             slowdown=slowdown,
             planned=planned,
             rms=float(other[0][-1, 1]),
@@ -149,15 +151,20 @@ def _exceeds(errors: Array, most: Array) -> BoolArray:
     return np.stack([*above[:, :2].T, above[:, 2:].all(axis=1)], axis=1)
 
 
-def _worse_places(after: ProgramMotion, one: Array, other: Array, worse: frozenset[int]) -> tuple[tuple[int, int], ...]:
-    """Return the motions, first and last, in which sections are worse whose largest errors alone have grown."""
+def _worse_places(
+    after: ProgramMotion, one: Array, other: Array, worse: frozenset[int]
+) -> tuple[tuple[tuple[int, int], ...], frozenset[int]]:
+    """Return the motions, first and last, in which sections are worse whose largest errors alone have grown.
+
+    With them come the motions at whose ends those errors are: the one before, where that is nearer.
+    """
     rest = np.asarray(_exceeds(other, one)[:, 1:].any(axis=1))
     own, whole = WORSE * one[:, 0] + SMALL, WORSE * one[-1, 0] + LEAST
     # One that is no worse by itself is blamed for the whole program.
     most = np.where(other[:, 0] > own, own, whole)
     alone = [n for n in worse if not rest[n] and other[n, 0] > most[n]]
     if not alone:
-        return ()
+        return (), frozenset()
     cut = after.cut
     low, _ = section_spans(after.original.motions)
     motion = cut.motion[cut.counted]
@@ -166,9 +173,12 @@ def _worse_places(after: ProgramMotion, one: Array, other: Array, worse: frozens
         run_scenarios(cut.counted_distances, [one for one in cut.scenarios() if is_nominal(one)]),
         axis=0,
     )
-    found = np.unique(motion[np.isin(section, alone) & (apart > most[section])])
+    rows = np.flatnonzero(np.isin(section, alone) & (apart > most[section]))
+    found = np.unique(motion[rows])
     runs = np.split(found, np.flatnonzero(np.diff(found) > 1) + 1)
-    return tuple((int(run[0]), int(run[-1])) for run in runs if run.size)
+    ends = (np.searchsorted(motion, motion[rows], side=side) for side in ("left", "right"))
+    corners = motion[rows] - (2 * rows < sum(ends))
+    return tuple((int(run[0]), int(run[-1])) for run in runs if run.size), frozenset(corners.tolist())
 
 
 def _outweighed(one: Array, other: Array) -> BoolArray:

@@ -65,6 +65,9 @@ Places = tuple[tuple[int, int], ...]
 BOTH: Final = 2
 """Programs that are compared."""
 
+HALTED: Final = 2
+"""Times that corners which the controller rounds more than before are halted in, before what is about them is left."""
+
 BESIDE: Final = 3
 """Motions before and behind a change that does not pass the check which are left as they are with it."""
 
@@ -359,7 +362,7 @@ class _PlanSearch:
         self._kept: tuple[EditOptions, GuardFinding] | None = None
         self._over, self._further, self._enough = math.inf, 0, math.inf
         self._planned: set[float] = set()
-        self._parts = Counter[int]()
+        self._parts, self._halted = Counter[int](), 0
         self._largest, self._pace, self._divided = 0.0, 1.0, False
 
     def run(self, options: EditOptions) -> CompensatedProgram:
@@ -454,8 +457,8 @@ class _PlanSearch:
             self._largest, self._pace = judged.planned, max(1.0, judged.slowdown / judged.planned)
         if not judged.worse:
             self._enough = min(self._enough, judged.slowdown)
-        elif behind:
-            return replace(options, plain_corners=True)
+        elif (stopping := self._stopping(options, judged, behind=behind)) is not None:
+            return stopping
         tighter = tightened(options, judged, self._request.edit.max_slowdown, self._count)
         if tighter is not None:
             return self._less(made.edits, judged, options, self._parting(tighter, judged, options))
@@ -463,6 +466,16 @@ class _PlanSearch:
             self._best = made
             self._kept = options, judged
         return self._other(options, judged) if made.edits.short and judged.simulated else None
+
+    def _stopping(self, options: EditOptions, judged: GuardFinding, *, behind: bool) -> EditOptions | None:
+        """Return the options of a plan that stops in corners where one without made the part worse; None for none."""
+        if behind:
+            return replace(options, plain_corners=True)
+        halts = options.halts | judged.corners
+        if not self._rounds or len(halts) == len(options.halts) or self._halted == HALTED:
+            return None
+        self._halted += 1
+        return replace(options, halts=halts)
 
     def _less(
         self, edits: Edits, judged: GuardFinding, options: EditOptions, tighter: EditOptions

@@ -326,6 +326,8 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         Where the time is short compensate all axes up to a place in a section, in place of some axes in all of it.
     plain_corners : bool
         No crossing lies behind a corner, however slowly the path leaves it.
+    halts : frozenset of int
+        Motions at whose ends the path stops, as the controller would round the corner there more than it did.
     standing : frozenset of int
         Motions beside which axes cross in moves of their own: a crossing on the fly there did not pass the check.
     position_from : {0, 1, -1}
@@ -349,6 +351,7 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     largest_first: bool = False
     in_parts: bool = False
     plain_corners: bool = False
+    halts: frozenset[int] = frozenset()
     standing: frozenset[int] = frozenset()
     position_from: int = 0
     overshoot: float | None = None

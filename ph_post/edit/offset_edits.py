@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.compensate.offsets import may_shift
+from ph_post.compensate.offsets import DWELL, may_shift
 from ph_post.compensate.plan_warnings import friction_warnings, round_up, side_warnings
 from ph_post.dialects.base import Dialect
 from ph_post.edit.affordable import AffordedChanges, affordable_reversals
@@ -18,7 +18,7 @@ from ph_post.edit.chord_joints import chord_joints
 from ph_post.edit.corner_joints import corner_joints
 from ph_post.edit.crossing_search import PlannedChanges
 from ph_post.edit.cutter_contours import CutterContours
-from ph_post.edit.edits import EditOptions, Edits, join_stops, no_offsets, runs_of
+from ph_post.edit.edits import EditOptions, Edits, StopEdit, join_stops, no_offsets, runs_of
 from ph_post.edit.gentle_feeds import GentleFeeds, gentle_feeds
 from ph_post.edit.preconditions import (
     blocked_chains,
@@ -190,7 +190,9 @@ class _OffsetPlanner:
         used = {name: size for name, size in self._amplitude.items() if name in shifted}
         return Edits(
             runs=runs_of(offset),
-            stops=tuple(join_stops(list(found)) for _, found in groupby(stops, lambda one: (one.motion, one.share))),
+            stops=self._with_halts(
+                join_stops(list(found)) for _, found in groupby(stops, lambda one: (one.motion, one.share))
+            ),
             crossings=crossings,
             amplitude=used,
             followed=tuple(name for name in self._amplitude if len(choice.afforded.changes[name])),
@@ -203,6 +205,18 @@ class _OffsetPlanner:
             slowdown=choice.afforded.slowdown + slow.time / self._total,
             short=choice.afforded.short,
         )
+
+    def _with_halts(self, stops: Iterable[StopEdit]) -> tuple[StopEdit, ...]:
+        """Add stops at the ends of motions at which the path is to halt: a cutter may rest there, no other tool."""
+        found = list(stops)
+        halts = self._options.halts - {one.motion for one in found if one.approach}
+        halts -= frozenset(np.flatnonzero(self._program.threads).tolist())
+        if self._beam.tends or not halts:
+            return tuple(found)
+        there = {one.motion for one in found if one.share == 1.0}
+        found += [StopEdit(motion=motion, share=1.0, pause=0.0, shifts=()) for motion in halts - there]
+        found.sort(key=lambda one: one.motion)
+        return tuple(_resting(one) if one.share == 1.0 and one.motion in halts else one for one in found)
 
     def _warnings(self, choice: _Choice, slow: _PlannedFeeds, edits: Edits) -> Iterator[str]:
         """Say what is left as it is and why, then what has to be known of what is changed."""
@@ -227,6 +241,12 @@ class _OffsetPlanner:
                 yield from warn_climbing(program)
             yield from double_compensation(program, self._dialect, self._machine)
             yield from self._dialect.notices.cautions
+
+
+def _resting(stop: StopEdit) -> StopEdit:
+    """Let a stop rest before its moves and behind each: they would be rounded with the corner."""
+    shifts = tuple(replace(shift, pause=max(shift.pause, DWELL)) for shift in stop.shifts)
+    return replace(stop, pause=max(stop.pause, DWELL), shifts=shifts)
 
 
 def _check_overshoot(axes: list[Axis], options: EditOptions) -> None:

@@ -280,8 +280,15 @@ def test_axes_that_turn_at_one_place_cross_in_one_move(dialect: str, tmp_path: P
     assert len(re.findall(r"crossing Y.\)\nG1 ?X[-.\d]+ ?Y[-.\d]+", after)) == 38
 
 
-def test_a_section_is_left_no_more_than_about_the_place_where_it_is_worse(tmp_path: Path) -> None:
-    """G64 without P rounds the corner behind the plunge by 0.36 mm, and by 4 % more beside an offset."""
+@pytest.mark.parametrize("halted", [0, 1])
+def test_a_section_is_left_no_more_than_about_the_place_where_it_is_worse(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, halted: int
+) -> None:
+    """G64 without P rounds the corner behind the plunge by 0.36 mm, and by 4 % more beside an offset.
+
+    Where the path halts in it nothing is left.
+    """
+    monkeypatch.setattr(programs, "HALTED", halted)
     angle = np.radians(4.5) * np.arange(201)
     places = np.column_stack([np.cos(angle), np.sin(angle)]) * (50.8 - 0.0635 * np.arange(201))[:, None]
     lines = "".join(f"G1 X{x:.4f} Y{y:.4f}\n" for x, y in np.diff(places.round(4), axis=0))
@@ -290,14 +297,15 @@ def test_a_section_is_left_no_more_than_about_the_place_where_it_is_worse(tmp_pa
     made = ph.compensate(tmp_path / "cut.ngc", stepper("linuxcnc"))
     assert isinstance(made, ProgramCompensation)
     done, every = counts(made)
-    assert done >= every - 1 > 8
-    assert any("not compensated in lines 3 to 6: the part would be no better" in one for one in made.warnings)
+    assert done >= every - 1 + halted > 8
+    left = "not compensated in lines 3 to 6: the part would be no better"
+    assert any(left in one for one in made.warnings) == (not halted)
     assert made.before.error is not None
     assert made.after.error is not None
     assert made.after.error.max < 1.01 * made.before.error.max
     found = judge(Entry("cut", Path("cut.ngc"), "linuxcnc", text))
     assert found.rms is not None
-    assert found.rms[1] < 0.5 * found.rms[0]
+    assert found.rms[1] < (0.05 if halted else 0.5) * found.rms[0]
 
 
 def test_one_place_where_the_whole_program_would_be_worse_is_left_alone(tmp_path: Path) -> None:

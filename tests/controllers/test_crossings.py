@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from support.corpus import stepper
 from support.editing import compensate
 from support.real_cuts import behind, bench, lagging, outline
 from support.rehearsing import HERE, WHY_NOT
@@ -153,3 +154,34 @@ def test_jogs_stay_in_corners_that_the_detector_of_collinear_moves_may_cut_off(s
     assert done[0] <= untouched[0]
     assert done[1] <= 0.1 * untouched[1]
     assert done[2] <= 1.1 * untouched[2]
+
+
+def off_passes(rows: np.ndarray, ends: tuple[float, float], depth: float, lost: float) -> tuple[float, float]:
+    """Largest and rms distance [µm] from passes along Y at a depth, with the way down to them and up from them."""
+    worst = 0.0, 0.0
+    for side in (-1.0, 1.0):
+        y = 1e3 * behind(rows[:, 1], 0.5e-3 * lost, side)
+        # Its zero is where it comes down.
+        z = 1e3 * behind(rows[:, 2], 0.5e-3 * lost, side) - 0.5 * lost
+        low = int(np.argmax(z < depth + 0.2))
+        y, z = y[low:], z[low:]
+        along = np.hypot(y - np.clip(y, *sorted(ends)), z - depth)
+        up = [np.hypot(y - end, z - np.maximum(z, depth)) for end in ends]
+        away = 1e3 * np.minimum(along, np.minimum(*up))[z < depth + 0.2]
+        worst = max(worst, (float(away.max()), float(np.sqrt((away**2).mean()))))
+    return worst
+
+
+def test_corners_that_would_be_rounded_more_are_halted_in() -> None:
+    # Without backlash the controller cuts the corner at the end of a pass by more than a table does that is not there.
+    one = "G0 Z1\nG0 Y13\nG0 Z0.1\nG1 F40 Z-0.4\nG1 F300 Y-13\n"
+    text = ("G21 G90 G17 G64\nG0 Z1\nG0 X-3 Y13\n" + 4 * one + "G0 Z1\nM2\n").encode()
+    result = ph.compensate(read_program(text, "face.ngc"), stepper("linuxcnc"))
+    plain, done = (
+        off_passes(np.asarray(run_on_linuxcnc(data, "face", stepper("linuxcnc")).position), (13.0, -13.0), -0.4, 0.05)
+        for data in (text, result.program())
+    )
+    assert plain[0] > 50.0
+    assert done[0] <= plain[0]
+    assert done[1] <= plain[1] / 5.0
+    assert result.after.time <= 1.1 * result.before.time
