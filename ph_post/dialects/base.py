@@ -100,6 +100,8 @@ class Syntax(msgspec.Struct, frozen=True, kw_only=True):
         Last lines of the program.
     max_line : int
         Most characters of a line.
+    counts_comments : bool
+        Whether those of comments count; firmware that throws them away as it reads leaves them no room.
     comments : Comments
     dwell : DwellWords
     path_mode : callable or None
@@ -123,6 +125,7 @@ class Syntax(msgspec.Struct, frozen=True, kw_only=True):
     opening: Callable[[str], tuple[str, ...]]
     closing: tuple[str, ...]
     max_line: int
+    counts_comments: bool = True
     comments: Comments = PARENTHESES
     dwell: DwellWords = DwellWords()
     path_mode: Callable[[float | None], str] | None = None

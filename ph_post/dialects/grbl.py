@@ -71,7 +71,7 @@ def status_reports(_machine: Machine, axes: Sequence[str], _seconds: float, name
 
 DIALECT = Dialect(
     name="grbl",
-    syntax=Syntax(opening=metric_opening, closing=("M2",), max_line=_MAX_LINE, terse=True),
+    syntax=Syntax(opening=metric_opening, closing=("M2",), max_line=_MAX_LINE, counts_comments=False, terse=True),
     abilities=Abilities(
         # Under G93 Grbl 1.1 breaks an arc into chords, multiplies F by their number and then takes it for mm/min
         # (mc_arc in its motion_control.c): only straight moves keep their time.

@@ -75,6 +75,7 @@ DIALECT = Dialect(
         opening=_opening,
         closing=(),
         max_line=_MAX_LINE,
+        counts_comments=False,
         comments=SEMICOLON,
         dwell=DwellWords(unit=MS, decimals=0),
         modal_motion=False,

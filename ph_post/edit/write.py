@@ -362,14 +362,15 @@ def head_line(program: PartProgram) -> int:
 def _check_lines(program: PartProgram, out: ByteArray, dialect: Dialect) -> None:
     """Refuse lines longer than both the dialect's limit and the program's longest.
 
-    Where the program's own are longer than the limit, comments do not count there.
+    Comments do not count where the program's own lines are longer than the limit, or the controller throws them away.
     """
     limit, most = dialect.syntax.max_line, longest_line(program, dialect)
+    counts = dialect.syntax.counts_comments and most == limit + len("\r\n")
     lines = split_lines(sealed(out))
     long: dict[int, str] = {}
     for line in np.flatnonzero(np.diff(lines) > most).tolist():
         text = out[lines[line] : lines[line + 1]].tobytes().decode("latin-1").strip()
-        if most == limit + len("\r\n") or len(COMMENT.sub("", text)) > limit:
+        if counts or len(COMMENT.sub("", text)) > limit:
             long[line] = text
     if long:
         raise LongLinesError(

@@ -112,7 +112,10 @@ def _skip_blanks(data: Any, i: Any, end: Any) -> Any:
 
 @lean
 def _read_number(data: Any, i: int, end: int) -> Any:
-    """Read a number with blanks inside: its end, digits, decimals, -1 where it has none, -2 if too long."""
+    """Read a number with blanks inside: its end, digits, decimals, -1 where it has none, -2 if too long.
+
+    Decimals that a 64-bit number has no room for are left out, as any controller does.
+    """
     sign, point, digits, decimals, after, seen = 1, False, np.int64(0), 0, i, False
     i = _skip_blanks(data, i, end)
     if i < end and (data[i] == 43 or data[i] == 45):
@@ -124,7 +127,7 @@ def _read_number(data: Any, i: int, end: int) -> Any:
         if 48 <= c <= 57:
             seen, after = True, i + 1
             if digits > _LARGEST:
-                long = True
+                long |= not point
             else:
                 digits = 10 * digits + (np.int64(c) - 48)
                 decimals += point

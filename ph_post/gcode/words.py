@@ -207,15 +207,20 @@ def _read_words(text: ByteArray, lines: PlaceArray, room: int) -> Lexed:
     count, end = lexer.lex(text, lines, out, traits, whys, spots)
     block, letter, start, stop, value, decimals = (_cut(column, count) for column in out)
     long = {
-        word: _digits(text[start[word] + 1 : stop[word]].tobytes()) for word in long_numbers(value, decimals).tolist()
+        word: _digits(text[start[word] + 1 : stop[word]].tobytes(), int(decimals[word]))
+        for word in long_numbers(value, decimals).tolist()
     }
     words = WordTable(block=block, letter=letter, start=start, end=stop, value=value, decimals=decimals, long=long)
     return Lexed(lines=lines, words=words, traits=traits, end=int(end), whys=whys, spots=spots)
 
 
-def _digits(number: bytes) -> int:
-    """Return the digits of a number with their sign; it may have blanks in it, and any number of leading zeros."""
-    digits = int(re.sub(rb"\D", b"", number).lstrip(b"0") or b"0")
+def _digits(number: bytes, decimals: int) -> int:
+    """Return the digits of a number with their sign, up to so many decimals.
+
+    It may have blanks in it, and any number of leading zeros.
+    """
+    whole, _, part = re.sub(rb"[^\d.]", b"", number).partition(b".")
+    digits = int((whole + part[: max(decimals, 0)]).lstrip(b"0") or b"0")
     return -digits if b"-" in number else digits
 
 

@@ -405,7 +405,7 @@ def test_a_program_whose_centres_are_places_is_compensated_and_says_so(tmp_path)
 def test_a_line_that_would_be_too_long_leaves_the_motions_about_it_alone():
     """Of a zigzag of 60 strokes on Grbl one ends at column 70: all but those about it are followed."""
     strokes = [f"G1 X{60.0 * (n % 2) + 0.3 * n:.1f} Y{2.0 * n:.1f} F1200" for n in range(1, 61)]
-    strokes[29] += f"({'x' * (68 - len(strokes[29]))})"
+    strokes[29] = strokes[29].replace(" F", f"{' ' * (70 - len(strokes[29]))} F")
     text = "\n".join(["G21 G90 G17", "G0 X0 Y0 Z2", "G1 Z-1 F300", *strokes, "G0 Z2", "M2", ""])
     made = delivered(text, machine=stepper("grbl"), request=asked(strategy="auto"))
     assert "a line would be too long for grbl" in " ".join(made.edits.warnings)

@@ -302,9 +302,19 @@ def test_many_shifts_at_one_place_are_told_in_a_line_that_is_not_too_long() -> N
 
 
 def test_a_line_that_comes_out_too_long_is_refused() -> None:
-    text = START + "G1X10 (" + "x" * 62 + ")\nX0\nM2\n"
+    text = START + "G1X10" + " " * 62 + "F60\nX0\nM2\n"
     with pytest.raises(InputError, match="a line comes out too long for grbl"):
         compensate(text.encode(), STEPPER, dialect="grbl")
+
+
+@pytest.mark.parametrize("dialect", ["grbl", "marlin"])
+def test_a_comment_that_firmware_throws_away_makes_no_line_too_long(dialect: str) -> None:
+    # Both keep the characters outside comments alone (protocol.c of Grbl 1.1, queue.cpp of Marlin 2).
+    text = START + "G1 X10 F600 ;" + "x" * (57 if dialect == "grbl" else 67) + "\nG1 X0\nG1 X5\n"
+    found = compensate(text.encode(), STEPPER, dialect=dialect).text.decode().splitlines()
+    long = [line for line in found if "xxx" in line]
+    assert [len(line) > (70 if dialect == "grbl" else 80) for line in long] == [True]
+    assert long[0].partition(";")[0].strip() != "G1 X10 F600"
 
 
 def test_a_comment_that_makes_a_new_line_too_long_stands_before_it() -> None:

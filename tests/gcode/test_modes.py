@@ -2,6 +2,7 @@
 
 import math
 import re
+from decimal import Decimal
 
 import numpy as np
 import pytest
@@ -339,6 +340,21 @@ def test_numbers_are_kept_exactly_with_blanks_signs_and_without_digits_on_one_si
         b"z5.",
         b"f-0",
     ]
+
+
+def test_decimals_beyond_what_is_kept_are_left_out():
+    """As JavaScript prints them: 20 decimals, and more; of those that are kept each is right."""
+    text = "G21 G90\nG1 X10.09627459187944600000 Y-0.0000000000000000000125 Z-334.18879400000000000001 F9\n"
+    program = read_program(text.encode(), "a")
+    words = program.words
+    for letter, wanted in {"X": "10.096274591879446", "Y": "0", "Z": "-334.188794"}.items():
+        word = words.letter.tobytes().decode().index(letter)
+        found = Decimal(int(words.digits[word])).scaleb(-int(words.decimals[word]))
+        assert abs(found - Decimal(wanted)) < Decimal("2e-15")
+        assert words.value[word] == pytest.approx(float(wanted), rel=2e-16, abs=1e-15)
+    assert not program.notes
+    places = program.motions.end[0] * 1e3
+    assert places.tolist() == pytest.approx([10.096274591879446, 0.0, -334.188794], abs=1e-12)
 
 
 def test_long_numbers_are_kept_exactly():
