@@ -27,6 +27,7 @@ from ph_post.edit.preconditions import why_blocked, why_not_editable
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.errors import InputError, PhPostError
+from ph_post.files.check import in_words
 from ph_post.gcode.paths import ProgramPath, line_words, paths_of
 from ph_post.gcode.program import AXES, LINE, RAPID, PartProgram, feed_runs
 from ph_post.geometry.piecewise import MEETS
@@ -108,7 +109,7 @@ def require_lead(machine: Machine, dialect: Dialect, axes: Sequence[str]) -> Non
         )
     lags = [name for name in axes if machine.axes[name].servo.b > 0.0 or machine.axes[name].servo.c > 0.0]
     if not lags:
-        names = " and ".join(axes)
+        names = in_words(axes)
         raise InputError(
             option,
             f"the machine file gives {names} no lag that could be led",

@@ -17,7 +17,7 @@ from ph_post.compensate.plan_warnings import PASSED_SLOWER
 from ph_post.dialects.base import Dialect
 from ph_post.errors import NotCompensatedError
 from ph_post.expand.writing import EXPANDED
-from ph_post.files.check import counted
+from ph_post.files.check import counted, in_words
 from ph_post.files.storage import write_atomically
 from ph_post.files.table import table_content
 from ph_post.gcode.codes import may_rest
@@ -27,7 +27,7 @@ from ph_post.types import Command, Machine
 REASONS: Final = 2
 """Reasons that are named where reversals are not compensated."""
 
-_REASON: Final = re.compile(r"not compensated\b[^:]*: *(.*)", re.DOTALL)
+_REASON: Final = re.compile(r"(?:\baxis (?P<axis>[A-Z]) )?\bnot compensated\b[^:]*: *(?P<why>.*)", re.DOTALL)
 """Warnings say by these words that something is not compensated, and after them why."""
 
 
@@ -173,22 +173,26 @@ _OWN_M: Final = re.compile(r"(?:(?:unknown M (?:word|function)|M word of a progr
 
 
 def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) -> tuple[str, ...]:
-    """Describe the stretches of a program that are passed through: their number, the first, and what would help.
+    """Describe the stretches of a program that are passed through: their number, one of them, and what would help.
 
     `expand` says that ``--expand`` was given: it is not advised again.
     """
     notes, base = program.notes, dialect.partition("+")[0]
     if not notes:
         return ()
-    said, expanded = [f"line {notes[0].first + 1}: {notes[0].what}"], expand or EXPANDED.first(program.data) >= 0
+    expanded = expand or EXPANDED.first(program.data) >= 0
     known = (*_WRITTEN_OUT.get(base, ()), *(_ON_LATHES if program.language.diameters else ()))
-    if not expanded and any(note.what.startswith(known) for note in notes):
+    helped = [] if expanded else [note for note in notes if note.what.startswith(known)]
+    # What is advised has to be true of the stretch that is named.
+    named = (helped or notes)[0]
+    said = [f"line {named.first + 1}: {named.what}"]
+    if helped:
         said.append("--expand writes it out as plain moves")
     if base in WRITTEN_AS_LINUXCNC and any(note.what.startswith(_CUTTER) for note in notes):
         said.append(f"{'' if expanded else '--expand '}--tool-table FILE works out cutter compensation")
     own = sorted({int(found[1]) for note in notes if (found := _OWN_M.match(note.what))})
     if own := [number for number in own if may_rest(number)]:
-        words, variant = " and ".join(f"M{number}" for number in own), "".join(f"+m{number}" for number in own)
+        words, variant = in_words([f"M{number}" for number in own]), "".join(f"+m{number}" for number in own)
         moves = "moves" if len(own) == 1 else "move"
         said.append(f'dialect = "{dialect}{variant}" in the machine file says that {words} {moves} nothing')
     return (f"{counted(len(notes), 'stretch', 'stretches')} passed through unchanged ({'; '.join(said)})",)
@@ -205,6 +209,11 @@ def units_notes(program: PartProgram, dialect: Dialect) -> tuple[str, ...]:
     )
 
 
+def _of_axis(axis: str | None, why: str) -> str:
+    """Name the axis in a reason that says "its": other axes may have reasons of their own."""
+    return f"{axis}'s {why.removeprefix('its ')}" if axis and why.startswith("its ") else why
+
+
 def left_words(rows: Sequence[AxisReversals], warnings: Sequence[str], notes: Sequence[str]) -> str:
     """Say what is not compensated, why, and what would change that; nothing where all is compensated.
 
@@ -213,6 +222,8 @@ def left_words(rows: Sequence[AxisReversals], warnings: Sequence[str], notes: Se
     >>> row = AxisReversals(axis="Y", compensated=0, all=2, cut=2)
     >>> left_words([row], ["axis Y not compensated in line 3: it would cost 0.6 s; --max-slowdown 0.1 allows it"], ())
     'Y at 2 of 2 reversals: it would cost 0.6 s; --max-slowdown 0.1 allows it'
+    >>> left_words([row], ["axis Y not compensated in line 3: its crossings would cost 0.6 s"], ())
+    "Y at 2 of 2 reversals: Y's crossings would cost 0.6 s"
     >>> left_words([], [], ())
     ''
     """
@@ -224,8 +235,8 @@ def left_words(rows: Sequence[AxisReversals], warnings: Sequence[str], notes: Se
     notes = [note for note in notes if COMPENSATED_BEFORE not in note]
     if not missed and not notes:
         return ""
-    found = (_REASON.search(word) for word in warnings)
-    whys = list(dict.fromkeys(match[1] for match in found if match and match[1]))
+    found = [match for word in warnings if (match := _REASON.search(word)) and match["why"]]
+    whys = list(dict.fromkeys(_of_axis(match["axis"], match["why"]) for match in found))
     whys.sort(key=lambda why: "--" not in why)
     reasons = "; ".join(whys[:REASONS]) if missed else ""
     if missed and not reasons:

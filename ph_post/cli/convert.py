@@ -39,7 +39,12 @@ from ph_post.cli import options
     is_flag=True,
     help="Write the lead of the servos into the path of the program, as short chords: it holds at 100 % feed override.",
 )
-@click.option("--table", metavar="T", help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output.")
+@click.option(
+    "--table",
+    metavar="T",
+    callback=options.known_table,
+    help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output.",
+)
 @options.strategy(None, "auto; suppress where a profile is described")
 @options.planning
 @click.option(

@@ -269,6 +269,15 @@ def _picture(_ctx: click.Context, _parameter: click.Parameter, name: str | None)
     return name
 
 
+def known_table(_ctx: click.Context, _parameter: click.Parameter, name: str | None) -> str | None:
+    """Refuse a table of another kind before anything is worked out."""
+    if name is not None:
+        from ph_post.files.table import table_ending
+
+        table_ending(name)
+    return name
+
+
 def plot(what: str) -> Callable[[F], F]:
     """Return the option that asks for a picture of `what`; the ending of the file's name is its format."""
     return click.option(

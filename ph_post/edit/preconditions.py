@@ -20,6 +20,7 @@ from ph_post.edit.extrusion import filament_of
 from ph_post.edit.lagging_crossings import SHORT_LAG
 from ph_post.edit.reversals import chain_spans
 from ph_post.errors import InputError
+from ph_post.files.check import counted
 from ph_post.gcode.further import further_lines
 from ph_post.gcode.motion_parts import chord_lengths, split_cubic
 from ph_post.gcode.paths import line_words, without_feed
@@ -402,5 +403,5 @@ def warn_blocked(program: PartProgram, blocked: Mapping[str, BoolArray]) -> list
             where = line_words(int(block[low[chain]]), int(block[high[chain] - 1]))
             warnings.append(f"not compensated in {where}: {why}")
         if marks.sum() > _MOST_PLACES:
-            warnings.append(f"{int(marks.sum()) - _MOST_PLACES} more places not compensated: {why}")
+            warnings.append(f"{counted(int(marks.sum()) - _MOST_PLACES, 'more place')} not compensated: {why}")
     return warnings

@@ -23,6 +23,7 @@ from ph_post.edit.preconditions import why_blocked, why_kept_whole, why_not_edit
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.window_edits import UnchangedWindow, place_plan
 from ph_post.errors import TooLargeError
+from ph_post.files.check import in_words
 from ph_post.gcode.paths import ProgramPath, line_words
 from ph_post.gcode.program import PartProgram
 from ph_post.geometry.curves import Composite
@@ -326,5 +327,5 @@ def _pulses(stops: Sequence[StopEdit]) -> Mapping[str, float]:
 
 def _words(program: PartProgram, made: WindowPlan, left: UnchangedWindow) -> str:
     points = [made.plan.turning_points[k] for k in made.plan.windows[left.window].members]
-    axes = " and ".join(dict.fromkeys(point.axis for point in points))
+    axes = in_words(list(dict.fromkeys(point.axis for point in points)))
     return f"line {program.motions.block[left.motion] + 1}: {axes} reversal not compensated: {left.why}"

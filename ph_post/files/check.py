@@ -14,7 +14,7 @@ import math
 import re
 import tomllib
 import unicodedata
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any, TypeVar
@@ -392,3 +392,15 @@ def counted(number: int, one: str, many: str = "") -> str:
     ('1 stop', '2 stops', '3 stops on the way')
     """
     return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+def in_words(names: Sequence[str]) -> str:
+    """Join names as a sentence does.
+
+    Examples
+    --------
+    >>> in_words(["X"]), in_words(["X", "Y"]), in_words(["X", "Y", "Z"])
+    ('X', 'X and Y', 'X, Y and Z')
+    """
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last

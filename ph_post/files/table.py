@@ -67,7 +67,7 @@ def table_content(command: Command, target: str) -> Content:
         Where the ending is unknown, or pyarrow is missing for ``.parquet``.
     """
     columns = table_columns(command)
-    ending = _ending(target)
+    ending = table_ending(target)
     return csv_rows(columns) if ending == ".csv" else array_content(columns, target, ending)
 
 
@@ -97,7 +97,7 @@ def read_table(source: str | os.PathLike[str]) -> Command:
         Where the file cannot be read or is no such table.
     """
     name = os.fspath(source)
-    ending, raw = _ending(name), read_raw(source)
+    ending, raw = table_ending(name), read_raw(source)
     text = decoded(raw).text if ending == ".csv" else ""
     try:
         columns = _read_csv(text) if ending == ".csv" else read_arrays(raw.data, name, ending)
@@ -152,7 +152,14 @@ def require_path(command: Command, track: Track, name: str) -> Command:
     return msgspec.structs.replace(command, offset=frozen(offset))
 
 
-def _ending(target: str) -> str:
+def table_ending(target: str) -> str:
+    """Return the kind of table that a file's name asks for, of standard output CSV.
+
+    Raises
+    ------
+    InputError
+        If it is none of :data:`FORMATS`.
+    """
     ending = pathlib.PurePath(target).suffix.lower()
     if target == "-":
         return ".csv"

@@ -163,9 +163,10 @@ def places_words(spans: Sequence[tuple[int, int]]) -> str:
     Examples
     --------
     >>> places_words([(2, 2), (4, 6), (8, 9), (11, 11)])
-    'line 3, lines 5 to 7, lines 9 to 10 and 1 more places'
+    'line 3, lines 5 to 7, lines 9 to 10 and 1 more place'
     """
-    more = f" and {len(spans) - SHOWN} more places" if len(spans) > SHOWN else ""
+    left = len(spans) - SHOWN
+    more = f" and {left} more place{'s' if left > 1 else ''}" if left > 0 else ""
     return ", ".join(line_words(*one) for one in spans[:SHOWN]) + more
 
 

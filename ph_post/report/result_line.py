@@ -28,7 +28,7 @@ from ph_post.compensate.friction import friction_of_machine
 from ph_post.compensate.options import PlanOutput
 from ph_post.dialects.declaration import read_declaration
 from ph_post.drive.axes import has_backlash
-from ph_post.errors import PhPostError
+from ph_post.errors import InputError, PhPostError
 from ph_post.files.check import counted
 from ph_post.gcode.program import PartProgram
 from ph_post.quantities import rounded_micrometres, rounded_seconds
@@ -139,6 +139,9 @@ def _simulated(before: MotionResult, after: MotionResult, machine: Machine, axes
         return summarize_motions(before, after, machine, axes)
     except MemoryError:
         return ResultSummary(trouble="it needs more memory than there is")
+    except InputError as error:
+        # The line is of one file, whose name need not be said again.
+        return ResultSummary(trouble=str(error).removeprefix(f"{error.where}: "))
     except PhPostError as error:
         return ResultSummary(trouble=str(error))
 
@@ -293,7 +296,7 @@ def _axis_words(found: ResultSummary) -> str:
     if found.reversals is None:
         return f"{', '.join(found.axes)} compensated" if found.axes else ""
     if not found.reversals.all:
-        return "no axis with backlash reverses"
+        return "" if found.trouble else "no axis with backlash reverses"
     done = f"{', '.join(found.axes)} compensated" if found.axes else "no axis compensated"
     return f"{done}, {found.reversals.compensated} of {counted(found.reversals.all, 'reversal')}"
 

@@ -291,3 +291,53 @@ def test_a_cause_that_a_program_has_thousands_of_names_twenty_places(
     drills = [line for line in said if "canned cycle: " in line and line.startswith("warning: ")]
     assert len(drills) == 20
     assert sum("canned cycle in 5 more places: passed through unchanged" in line for line in said) == 1
+
+
+@pytest.mark.parametrize(("causes", "each"), [(25, 2), (70, 1)])
+def test_many_causes_share_sixty_places(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], causes: int, each: int
+) -> None:
+    part = tmp_path / "part.mpf"
+    odd = "".join(f"SYG{number}=1\nG90\n" for _ in range(3) for number in range(causes))
+    part.write_text("G71 G90 G94\nG0 X0 Y0 Z5\n" + odd + "G1 Z-1 F100\nX10\nX0\nM30\n")
+    said, _ = ended(capsys, "convert", str(part), "-m", "mill", "--dialect", "siemens", "--no-simulation")
+    named = [one[1] for line in said if (one := re.match(r"warning: \S+part\.mpf:\d+[^:]*: (SYG\d+)=1: ", line))]
+    assert len(named) == min(60, each * causes)
+    assert all(named.count(one) == each for one in named)
+    more = [int(one[1]) for line in said if (one := re.search(r"(\d+) more places?[^:]*: passed through", line))]
+    assert len(named) + sum(more) == 3 * causes
+    assert any("of 10 other causes: passed" in line for line in said) == (causes == 70)
+
+
+def test_the_stretch_that_is_named_is_one_that_the_advice_helps() -> None:
+    text = "G21 G90\nG500\nG0 X0 Y0 Z5\nG81 X1 Y1 Z-1 R1 F100\nG80\nM101\nG90\nM102\nG90\nM103\nG90\nM2\n"
+    (said,) = passed_through(read_program(text.encode(), "part.ngc"), "linuxcnc")
+    assert "(line 4: canned cycle: G81; --expand writes it out as plain moves;" in said
+    assert said.endswith("says that M101, M102 and M103 move nothing)")
+
+
+def test_each_axis_has_its_own_reason() -> None:
+    rows = [AxisReversals(axis=name, compensated=0, all=2, cut=2) for name in "XY"]
+    warnings = [
+        f"axis {name} not compensated in line 3: its crossings would cost {price} s; --max-slowdown 3 would allow them"
+        for name, price in (("X", 6.1), ("Y", 0.2))
+    ]
+    assert left_words(rows, warnings, ()) == (
+        "X at 2 of 2 reversals, Y at 2 of 2 reversals: X's crossings would cost 6.1 s; --max-slowdown 3 would allow "
+        "them; Y's crossings would cost 0.2 s; --max-slowdown 3 would allow them"
+    )
+
+
+def test_what_moves_nothing_that_is_understood_is_said_without_the_file(
+    part: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    part.write_text("o<sub> sub\nG1 X1 F100\no<sub> endsub\nM2\n")
+    said, _ = ended(capsys, "convert", str(part), "-m", "mill")
+    assert said[-1] == "backlash error not simulated: the program moves nothing that is understood"
+
+
+def test_a_table_of_an_unknown_kind_is_refused_before_anything_is_planned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["convert", "nowhere.json", "-m", "nowhere.toml", "--table", str(tmp_path / "t.xls")]) == 2
+    assert "unknown kind of table; expected one of .csv, .npz, .parquet; got .xls" in capsys.readouterr().err
