@@ -210,7 +210,7 @@ def units_notes(program: PartProgram, dialect: Dialect) -> tuple[str, ...]:
 
 
 def _of_axis(axis: str | None, why: str) -> str:
-    """Name the axis in a reason that says "its": other axes may have reasons of their own."""
+    """Name the axis, if one is given, in a reason that says "its"."""
     return f"{axis}'s {why.removeprefix('its ')}" if axis and why.startswith("its ") else why
 
 
@@ -223,20 +223,19 @@ def left_words(rows: Sequence[AxisReversals], warnings: Sequence[str], notes: Se
     >>> left_words([row], ["axis Y not compensated in line 3: it would cost 0.6 s; --max-slowdown 0.1 allows it"], ())
     'Y at 2 of 2 reversals: it would cost 0.6 s; --max-slowdown 0.1 allows it'
     >>> left_words([row], ["axis Y not compensated in line 3: its crossings would cost 0.6 s"], ())
-    "Y at 2 of 2 reversals: Y's crossings would cost 0.6 s"
+    'Y at 2 of 2 reversals: its crossings would cost 0.6 s'
     >>> left_words([], [], ())
     ''
     """
-    missed = [
-        f"{row.axis} at {row.all - row.compensated} of {counted(row.all, 'reversal')}"
-        for row in rows
-        if row.compensated < row.all
-    ]
+    short = {row.axis: row for row in rows if row.compensated < row.all}
+    missed = [f"{axis} at {row.all - row.compensated} of {counted(row.all, 'reversal')}" for axis, row in short.items()]
     notes = [note for note in notes if COMPENSATED_BEFORE not in note]
     if not missed and not notes:
         return ""
     found = [match for word in warnings if (match := _REASON.search(word)) and match["why"]]
-    whys = list(dict.fromkeys(_of_axis(match["axis"], match["why"]) for match in found))
+    found = [match for match in found if match["axis"] in (None, *short)]
+    several = len(missed) > 1
+    whys = list(dict.fromkeys(_of_axis(match["axis"] if several else None, match["why"]) for match in found))
     whys.sort(key=lambda why: "--" not in why)
     reasons = "; ".join(whys[:REASONS]) if missed else ""
     if missed and not reasons:

@@ -147,7 +147,7 @@ def command(
         if plot is not None:
             products[plot] = write_figure(draw_intervals(table), plot)
         write_atomically(products)
-    options.report_written(table.warnings, () if plot is None else (plot,))
+    options.report_written(table.warnings, products)
     if as_json:
         print_json(interval_view(table))
     return 0

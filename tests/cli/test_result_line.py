@@ -326,6 +326,10 @@ def test_each_axis_has_its_own_reason() -> None:
         "X at 2 of 2 reversals, Y at 2 of 2 reversals: X's crossings would cost 6.1 s; --max-slowdown 3 would allow "
         "them; Y's crossings would cost 0.2 s; --max-slowdown 3 would allow them"
     )
+    # What keeps another axis is no reason.
+    assert left_words(rows[1:], warnings, ()) == (
+        "Y at 2 of 2 reversals: its crossings would cost 0.2 s; --max-slowdown 3 would allow them"
+    )
 
 
 def test_what_moves_nothing_that_is_understood_is_said_without_the_file(

@@ -203,7 +203,7 @@ QUICK = ("--effort", "0.01")
 def test_convert_by_table_is_convert_by_solution(capsys, tmp_path: Path) -> None:
     table = str(tmp_path / "oval.json")
     grids = ("--beta", "1,2,3", "--gain", "1e7:4e7:40:log")
-    assert run(capsys, "sweep", "oval", "-m", "mill", *grids, "-o", table) == (0, "", "")
+    assert run(capsys, "sweep", "oval", "-m", "mill", *grids, "-o", table) == (0, "", f"wrote {table}\n")
     plan = ("convert", "oval", "-m", "mill", *QUICK, "--json")
     solved = json.loads(run(capsys, *plan)[1])
     looked_up = json.loads(run(capsys, *plan, "--interval-table", table)[1])
