@@ -67,7 +67,7 @@ def _dial_lines(dial: DialResult) -> Iterator[str]:
             for place, values in places.items()
         )
         yield f"   along the axis {', '.join(each)} mm"
-    yield f"   one reading is off by {dial.scatter / MICROMETRE:.2g} µm"
+    yield f"   readings scatter by {dial.scatter / MICROMETRE:.2g} µm, the standard error of each"
     goal = f"   for a lost motion within {NEAR / MICROMETRE:g} µm in 90 of 100 cases"
     if dial.repeats is None:
         yield f"{goal} take an indicator with finer lines"

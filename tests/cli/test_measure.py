@@ -178,3 +178,11 @@ def test_a_coarse_dial_is_to_be_read_more_often(capsys):
     assert asked.startswith("   for a lost motion within 10 µm in 90 of 100 cases read each place ")
     status, out, _ = run(capsys, *MEASURE, "-m", "router", *ROWS)
     assert "90 of 100" not in out
+
+
+def test_how_readings_scatter_names_no_single_one(capsys):
+    # Twice two readings that are 1 µm apart: a standard error of 1 µm by the root of two.
+    status, said, _ = run(capsys, *MEASURE, "-m", "stepper", "--dial", "X 0 0.501 0.031 0.001 0.030")
+    assert status == 0
+    assert "readings scatter by 0.71 µm, the standard error of each" in said
+    assert "one reading is off" not in said
