@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Final
 
 import msgspec
@@ -14,6 +14,7 @@ from ph_post.simulate.assess import AlikeRows, decisive, resting_axes, run_scena
 from ph_post.simulate.contour import ContourError, contour_error, settling_time
 from ph_post.simulate.controllers.counterparts import Counterparts
 from ph_post.simulate.controllers.cut_path import CutPath
+from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.simulate.controllers.unknown import known_rows, rows_before
 from ph_post.simulate.machine import Runs
 from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Run, Scenario
@@ -97,7 +98,8 @@ def follow_cut(
     moved_by: PartProgram | None = None,
 ) -> FollowedCut:
     """Follow a command along the path of a program; parameters as of :func:`program_error`."""
-    command = moving_axes(command)
+    # An axis that is sent to where the model's happens to stand already came there by nobody knows which way.
+    command = moving_axes(command, moved_axes(program))
     path = CutPath(program, machine)
     known = None if moved_by is None else path.counterparts(moved_by, command)
     leg, place = path.follow(command, known)
@@ -205,9 +207,10 @@ def left_of_path(found: ProgramError, path: CutPath, program: PartProgram) -> Ar
     return np.asarray(np.where(sided, way_a * off_b - way_b * off_a, 0.0) / np.where(sided, length, 1.0))
 
 
-def moving_axes(command: Command) -> Command:
-    """Leave out the axes that stand still all the time; at least one stays."""
-    moves = [number for number in range(len(command.axes)) if np.ptp(command.position[:, number]) > 0.0] or [0]
+def moving_axes(command: Command, sent: Collection[str] = ()) -> Command:
+    """Leave out the axes that stand still all the time and are not `sent` anywhere; at least one stays."""
+    ways = np.ptp(command.position, axis=0)
+    moves = [number for number, name in enumerate(command.axes) if name in sent or ways[number] > 0.0] or [0]
     if len(moves) == len(command.axes):
         return command
     axes = tuple(command.axes[number] for number in moves)

@@ -211,3 +211,26 @@ def test_a_crossing_behind_a_joint_that_is_cut_far_is_no_error(mode: str, tmp_pa
     assert found.after.error_gap is not None
     assert found.after.error_gap.max < 12e-6
     assert found.after.error_gap.rms < 1e-6
+
+
+@pytest.mark.parametrize(("words", "off"), [("Y0 ", 0.5), ("", 0.0)], ids=["sent", "not named"])
+def test_an_axis_that_is_sent_to_where_the_model_stands_came_by_an_unknown_side(words: str, off: float) -> None:
+    """Closed form: it came from where nobody knows, so it is off by half of its backlash as long as it rests there."""
+    axes = {
+        name: replace(axis, gap=Gap(lost_motion=GAP if name == "Y" else 0.0), reference_direction="both")
+        for name, axis in ph.read_machine("stepper").axes.items()
+    }
+    machine = replace(ph.read_machine("stepper"), axes=axes)
+    text = f"G21 G90 G94\nG0 X0 {words}Z5\nG1 Z-1 F300\nG1 X20 F600\nX0\nX20\nG0 Z5\nM2\n"
+    program = read_program(text.encode(), "part.ngc")
+    cut = follow_cut(run_program(program, machine), machine, program, moved_by=program)
+    for flank in ("+", "-"):
+        found = cut.error(Scenario(flank=flank))  # type: ignore[arg-type]
+        assert found is not None
+        assert found.max == pytest.approx(off * GAP, abs=1e-9)
+        assert found.rms == pytest.approx(off * GAP, abs=1e-9)
+    result = ph.compensate(program, machine)
+    before, after = result.before.error_gap, result.after.error_gap
+    assert before is not None
+    assert after is not None
+    assert after.max <= before.max + 1e-9
