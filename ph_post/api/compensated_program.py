@@ -21,6 +21,7 @@ from ph_post.edit.edits import EditOptions, Edits
 from ph_post.edit.preconditions import reckoned_feeds
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.errors import PhPostError
+from ph_post.files.check import counted
 from ph_post.gcode.paths import ProgramPath, line_words
 from ph_post.gcode.program import Note, PartProgram
 from ph_post.progress import Progress, no_progress
@@ -31,7 +32,10 @@ SHOWN: Final = 3
 """Failures that the error names where a program does not pass its check."""
 
 NOTED: Final = 20
-"""Warnings that the head of a program holds, where it is to hold them."""
+"""Warnings that the head of a program holds, where it is to hold them, and places that are named of one cause."""
+
+LISTED: Final = 60
+"""Places that are named of all that is passed through: of more nobody reads any."""
 
 
 class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
@@ -110,16 +114,26 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 def _passed(name: str, notes: Sequence[Note]) -> Iterator[str]:
     """Name the stretches that are passed through; of one cause a program may have thousands."""
-    found = Counter[str]()
+    whole, named = Counter(_cause(note) for note in notes), Counter[str]()
+    # Each cause has as many places as all may have; where there are too many causes, the first ones have one each.
+    most = next((k for k in range(NOTED, 1, -1) if sum(min(number, k) for number in whole.values()) <= LISTED), 1)
     for note in notes:
-        cause = note.what.partition(":")[0]
-        found[cause] += 1
-        if found[cause] <= NOTED:
+        cause = _cause(note)
+        if named[cause] < most and named.total() < LISTED:
+            named[cause] += 1
             lines = f"{note.first + 1}" + (f" to {note.last + 1}" if note.last > note.first else "")
             yield f"{name}:{lines}: {note.what}: passed through unchanged"
-    for cause, number in found.items():
-        if number > NOTED:
-            yield f"{name}: {cause} in {number - NOTED:,} more places: passed through unchanged"
+    for cause, number in named.items():
+        if more := whole[cause] - number:
+            yield f"{name}: {cause} in {more:,} more place{'s' if more > 1 else ''}: passed through unchanged"
+    others = [number for cause, number in whole.items() if cause not in named]
+    if others:
+        places, causes = counted(sum(others), "more place"), counted(len(others), "other cause")
+        yield f"{name}: {places} of {causes}: passed through unchanged"
+
+
+def _cause(note: Note) -> str:
+    return note.what.partition(":")[0]
 
 
 def _lead_notes(program: PartProgram) -> tuple[str, ...]:
