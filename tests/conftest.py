@@ -124,8 +124,20 @@ def pytest_collection(session: pytest.Session) -> Generator[None, object, object
     return found
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector) -> Generator[None, pytest.CollectReport, object]:
+    """Have each process begin with other files: what one has compiled of a fresh clone, the others read."""
+    report = yield
+    worker = getattr(collector.config, "workerinput", None)
+    if worker is not None and isinstance(collector, pytest.Directory) and report.result:
+        first = len(report.result) * int(worker["workerid"].removeprefix("gw")) // worker["workercount"]
+        report.result = [*report.result[first:], *report.result[:first]]
+    return report
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave the slow tests out where nobody asks for them, or for a file by its name; long files first."""
+    items.sort(key=lambda item: item.path)  # whichever a process began with
     named = any(Path(word.partition("::")[0]).suffix == ".py" for word in config.args)
     cases: Counter[str] = Counter()
     for item in items:
