@@ -124,7 +124,7 @@ def table_of(body: Body, command: Floats, period: float, side: int, place: float
     """
     side = int(np.sign(speed)) or side
     if body.feedback == "load":
-        return _two_masses(command, period, side, place, speed, *body[NUMBERS], body.friction)
+        return _two_masses(_plain(command), period, side, place, speed, *body[NUMBERS], body.friction)
     return behind(body, motor_of(body, command, period, speed), side)
 
 
@@ -134,7 +134,8 @@ def motor_of(body: Body, command: Floats, period: float, speed: float = 0.0) -> 
         return command
     start = command[0] - body.c * speed * (body.ki == 0.0)
     rigid = body._replace(gap=0.0)
-    return _two_masses(command, period, int(np.sign(speed)) or 1, start, speed, *rigid[NUMBERS], body.friction)
+    side = int(np.sign(speed)) or 1
+    return _two_masses(_plain(command), period, side, start, speed, *rigid[NUMBERS], body.friction)
 
 
 def behind(body: Body, motor: Floats, side: int) -> Floats:
@@ -146,7 +147,12 @@ def behind(body: Body, motor: Floats, side: int) -> Floats:
 
 def play(motor: Floats, half: float, side: int) -> Floats:
     """The play operator: a table that stays until the motor has come to one of its sides."""
-    return _play(np.asarray(motor, dtype=float), half, side)
+    return _play(_plain(motor), half, side)
+
+
+def _plain(values) -> Floats:
+    """The same numbers side by side: of every layout of arrays a function is compiled anew."""
+    return np.array(values, dtype=float)
 
 
 @numba.njit(cache=True)
