@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from tests.support.cascade_plant import Drive, motor_of, two_bodies
 from tests.support.plants.axis import Forces, Hidden, Plant
@@ -31,6 +32,10 @@ class Sine:
     def command(self, axis: int):  # type: ignore[no-untyped-def]
         return lambda t: self.amplitude * math.sin(self.rate * t)
 
+    def rows(self, axis: int, times: np.ndarray) -> tuple[np.ndarray, ...]:
+        size, rate, turned = self.amplitude, self.rate, self.rate * times
+        return size * np.sin(turned), size * rate * np.cos(turned), -size * rate * rate * np.sin(turned)
+
 
 def test_the_paper_s_example() -> None:
     plant = Plant("load", 5e-4, 5e-3, gap=0.125664 / 25, eta=0.35, beta=1.0)
@@ -45,6 +50,37 @@ def test_the_paper_s_example() -> None:
     assert opened[0] - 3.0 == pytest.approx(0.005000546, abs=5e-10)
     assert opened[1] - 9.0 == pytest.approx(0.005000674, abs=5e-10)
     assert picked[1] - opened[1] == pytest.approx(0.11874297, abs=1e-8)
+
+
+def test_it_goes_where_scipy_takes_it() -> None:
+    """Eq. (9) with all that resists a table which never rests, and what is left of the motor's force at its limit."""
+    b, c, size, period = 5e-5, 4e-3, 3e-6, 2e-3
+    track = Track().move((0.01, 0.0), 0.03, 0.6).move((-0.01, 0.0), 0.03, 0.6).rest(0.1)
+    hidden = (
+        Hidden("load_offset", {"force": 4e-6}),
+        Hidden("viscous_friction", {"coefficient": 5e-4}),
+        Hidden("friction_asymmetry", {"plus": 3e-4, "minus": -1e-4}),
+        Hidden("cogging", {"force": size, "period": period, "phase": 0.4}),
+        Hidden("stiffening", {"force": 6e-6, "at": 0.01}),
+        Hidden("air_drag", {"force": 5e-6, "at": 0.03}),
+        Hidden("hum", {"force": 2e-6, "frequency": 31.0}),
+        Hidden("loading", {"share": 0.4, "over": 0.7}),
+        Hidden("torque_saturation", {"limit": 1.4e-4}),
+    )
+    motion, command = follow(Plant("load", b, c, effects=hidden), track), track.command(0)
+    assert np.max(np.abs(motion.command - motion.table)) > 1.4e-4
+
+    def rate(t: float, y: np.ndarray) -> tuple[float, float]:
+        x, v = y
+        force = min(max(command(t) - x, -1.4e-4), 1.4e-4) - 4e-6 - (c + 5e-4 + (3e-4 if v > 0.0 else -1e-4)) * v
+        force -= size * math.sin(math.tau / period * x + 0.4) + 6e-6 * (x / 0.01) ** 3 + 5e-6 * v * abs(v) / 0.03**2
+        force -= 2e-6 * math.sin(math.tau * 31.0 * t)
+        return v, force / (b * (1.0 + 0.4 * min(t / 0.7, 1.0)))
+
+    start = (motion.table[0], 0.0)
+    run = solve_ivp(rate, (0.0, motion.t[-1]), start, "DOP853", motion.t, rtol=1e-10, atol=1e-14, max_step=1e-3)
+    assert np.allclose(motion.table, run.y[0], rtol=0.0, atol=1e-9)
+    assert np.allclose(motion.velocity, run.y[1], rtol=0.0, atol=1e-7)
 
 
 @pytest.mark.parametrize("feedback", ["load", "motor"])
@@ -113,6 +149,9 @@ def test_a_spring_gives_way_to_inertia(feedback: str) -> None:
     class Parabola(Track):
         def command(self, axis: int):  # type: ignore[no-untyped-def]
             return lambda t: 0.5 * t * t
+
+        def rows(self, axis: int, times: np.ndarray) -> tuple[np.ndarray, ...]:
+            return 0.5 * times * times, times, np.ones_like(times)
 
     track = Parabola().rest(1.5)
     hidden = Hidden("elastic_windup", {"resonance": 600.0, "damping_ratio": 0.1})

@@ -1,4 +1,4 @@
-"""What an axis does: its equations of motion, mode by mode, integrated with scipy from event to event.
+"""What an axis does: its equations of motion, mode by mode, from event to event.
 
 Sources: Eqs. (8), (14) to (16) of the paper for the loop that is closed over the table; for dry friction the
 textbook's stick and slip; for a gap behind the loop the play operator; for windup two masses on a spring, or
@@ -8,8 +8,9 @@ a mass on a spring whose foot is moved.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,8 @@ from scipy.optimize import brentq
 from tests.support.ideal_play import dragged
 from tests.support.linear_response import response
 from tests.support.plants.axis import Forces, Plant
-from tests.support.plants.cascades import CascadeBody
-from tests.support.plants.stepping import Floats, solve, stop
+from tests.support.plants.compiled import CROSS, SLIP, Axis, CascadeBody, Mode, numbers, run_leg
+from tests.support.plants.stepping import Floats, solve
 from tests.support.plants.tracks import Track
 
 PERIOD = 1e-3
@@ -156,19 +157,7 @@ class _Body:
         return lambda: self._slip(way)
 
     def _slip(self, way: int) -> Any:
-        forces, c, cogs, dry = self.forces, self.plant.c, bool(self.forces.teeth), self.forces.held > 0.0
-
-        def rhs(t: float, y: Floats) -> tuple[float, float]:
-            x, v = y.tolist()
-            force = forces.drive(forces.command(t) - x) - c * v - forces.rigid(t, x, v)
-            if cogs:
-                force -= forces.cogged(self._touching(x))
-            if dry:
-                force -= way * forces.dry(abs(v))
-            return v, force / forces.inertia(t)
-
-        stops = [stop(lambda t, y: way * y[1], -1)] if way else []
-        rows, until, y, which = self._advance(rhs, (self.x, self.v), stops)
+        rows, until, y, which = self._advance(Mode(SLIP, self.side, way, self.x, 0.0), (self.x, self.v))
         span = self._filled
         self.rows[span, 0], self.rows[span, 1] = rows[:, 0], rows[:, 1]
         self.rows[span, 2] = [self._touching(x) for x in rows[:, 0].tolist()]
@@ -179,28 +168,26 @@ class _Body:
         self.events.append((until, "stick"))
         return self._rest
 
-    def _advance(self, rhs: Any, y: Sequence[float], stops: Sequence[Any]) -> Any:
+    def _advance(self, mode: Mode, y: tuple[float, float]) -> Any:
         span = self._span(self.end)
         grid = np.maximum(self.grid[span], self.t)
-        rows, until, state, which = solve(rhs, self.t, y, grid, self.end, stops)
-        self._filled = slice(span.start, span.start + len(rows))
-        return rows, until, state, which
+        rows = np.empty((len(grid), 2))
+        count, until, state, which = run_leg(self._numbers, mode, self.t, y, grid, rows)
+        self._filled = slice(span.start, span.start + count)
+        return rows[:count], until, state, which
+
+    @cached_property
+    def _numbers(self) -> Axis:
+        return numbers(self.plant, self.forces, self.end)
 
     def _cross(self) -> Any:
         """The motor alone, Eq. (16): η b (m̈ + β ṁ) = X - x, until it meets a flank.
 
         The state is its way from the flank that it leaves, whose beginning would be lost beside its place.
         """
-        forces, plant, x, side, gap = self.forces, self.plant, self.x, self.side, self.plant.width(self.x)
-        light, left = plant.eta * plant.b, x + 0.5 * side * gap
-
-        def rhs(t: float, y: Floats) -> tuple[float, float]:
-            z, w = y.tolist()
-            push = forces.drive(forces.command(t) - x) - forces.cogged(left + z)
-            return w, push / light - plant.beta * w
-
-        stops = [stop(lambda t, y: -side * y[0] - gap, 1), stop(lambda t, y: side * y[0], 1)]
-        rows, until, y, which = self._advance(rhs, (0.0, 0.0), stops)
+        plant, x, side, gap = self.plant, self.x, self.side, self.plant.width(self.x)
+        left = x + 0.5 * side * gap
+        rows, until, y, which = self._advance(Mode(CROSS, side, 0, x, left), (0.0, 0.0))
         span = self._filled
         self.rows[span, 0], self.rows[span, 1], self.rows[span, 2] = x, 0.0, left + rows[:, 0]
         self.t, self.w = until, y[1]
@@ -281,5 +268,5 @@ def _two_masses(plant: Plant, forces: Forces, n: int, resonance: float, damping:
     grid = np.arange(n + 1) * PERIOD
     body = _Body(plant, forces, grid)
     load = forces.rigid(0.0, body.x, 0.0)
-    rows = solve(rhs, 0.0, (body.x + load / spring, 0.0, body.x, 0.0), grid, float(grid[-1]))[0]
+    rows = solve(rhs, (body.x + load / spring, 0.0, body.x, 0.0), grid)
     return body.motion(np.column_stack([rows[:, 2], rows[:, 3], rows[:, 0]]))

@@ -1,8 +1,10 @@
-"""A cascade's axis stepped finely: position loop, velocity loop with integrator, current loop, friction, a gap inside.
+"""Axes stepped finely in compiled code: those in a cascade to the end, others from event to event.
 
-Forces are metres of following error as everywhere here: the motor gives (ω_v (n + ∫n / T_n) + a_f Ẍ) / (ω_v K_v) with
-n = K_v (X - x) + k_f Ẋ - w, as in Groß, Hamann, Wiegärtner, Elektrische Vorschubantriebe (Publicis 2006), divided by
-the inertia. Steps are of the second order and end where the axis sticks, slips, or meets a flank of its gap.
+Forces are metres of following error as everywhere here: the motor of a cascade gives
+(ω_v (n + ∫n / T_n) + a_f Ẍ) / (ω_v K_v) with n = K_v (X - x) + k_f Ẋ - w, as in Groß, Hamann, Wiegärtner, Elektrische
+Vorschubantriebe (Publicis 2006), divided by the inertia. Its steps are of the second order and end where the axis
+sticks, slips, or meets a flank of its gap. Without a cascade they are Runge and Kutta's of the fourth order, and one
+in which something of that happens is halved until it ends there.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lfilter
 
+from tests.support.cascade_plant import Drive
 from tests.support.plants.axis import Forces, Hidden, Plant
 from tests.support.plants.stepping import Floats
 from tests.support.plants.tracks import Track
@@ -67,7 +70,7 @@ EVENTS = ("open", "stick", "pickup", "back")
 OPEN, STICK, PICKUP, BACK = range(4)
 
 
-class _Axis(NamedTuple):
+class Axis(NamedTuple):
     """The numbers of an axis, for what is compiled; rows of what the command alone makes, one each FINE."""
 
     kv: float
@@ -114,7 +117,7 @@ class _State(NamedTuple):
     given: float
 
 
-class _Mode(NamedTuple):
+class Mode(NamedTuple):
     """What an axis does: its mode, the flank it is on, the way it slips, its table, and where the motor left."""
 
     kind: int
@@ -132,7 +135,7 @@ class CascadeBody:
         self.plant, self.forces, self.grid = plant, forces, grid
         self.rows = np.empty((len(grid), 4))
         self.events: list[tuple[float, str]] = []
-        self.axis = _numbers(plant, forces, float(grid[-1]))
+        self.axis = numbers(plant, forces, float(grid[-1]))
 
     def run(self) -> None:
         """Fill the rows."""
@@ -141,22 +144,23 @@ class CascadeBody:
         x = 0.0 if integrates else -math.copysign(max(abs(load) - held, 0.0), load)
         side = int(math.copysign(1, load)) if axis.inside and load else self.plant.flank
         y = _State(x, 0.0, load * axis.kv * axis.tn if integrates else 0.0, load)
-        mode = _Mode(REST if held > 0.0 or axis.inside else SLIP, side, 0, x, 0.0)
+        mode = Mode(REST if held > 0.0 or axis.inside else SLIP, side, 0, x, 0.0)
         each = round(float(self.grid[1] - self.grid[0]) / STEP)
         events = _run(axis, y, mode, each, self.rows)
         self.events = [(t, EVENTS[kind]) for t, kind in events]
 
 
-def _numbers(plant: Plant, forces: Forces, end: float) -> _Axis:
+def numbers(plant: Plant, forces: Forces, end: float) -> Axis:
+    """The numbers of an axis to the end of a record; without a cascade what is wanted is a place."""
     place, speed, bend = arrives(forces, end)
-    drive, varied = plant.drive, plant.effect("position_dependent_backlash") or Hidden("none")
-    assert drive is not None
+    varied = plant.effect("position_dependent_backlash") or Hidden("none")
     share, over = forces.heavier or (0.0, 1.0)
-    return _Axis(
+    drive = plant.drive or Drive(kv=1.0, current=0.0)
+    return Axis(
         kv=drive.kv,
         tn=drive.tn,
         current=drive.current,
-        own=plant.c - 1.0 / drive.kv,
+        own=plant.c - (1.0 / drive.kv if plant.drive else 0.0),
         b=plant.b,
         eta=plant.eta,
         beta=plant.beta,
@@ -213,7 +217,7 @@ def _advance(axis, t, h, y, mode, events):  # type: ignore[no-untyped-def]
         left = _ends(axis, y, after, mode)
         if left == 1.0 and mode.kind == SLIP:
             # It pushed hard enough for an instant only: it rests, and its integrator and its current go on.
-            mode = _Mode(REST, mode.side, 0, mode.x, mode.left)
+            mode = Mode(REST, mode.side, 0, mode.x, mode.left)
             after, left = _stepped(axis, t, h, y, mode), -1.0
         if left < 0.0:
             y = after
@@ -223,7 +227,7 @@ def _advance(axis, t, h, y, mode, events):  # type: ignore[no-untyped-def]
         t, h = t + done, h - done
         y, mode = _changes(axis, t, y, mode, events)
     x = mode.x if mode.kind == CROSS else y.place
-    return y, _Mode(mode.kind, mode.side, mode.way, x, mode.left)
+    return y, Mode(mode.kind, mode.side, mode.way, x, mode.left)
 
 
 @numba.njit
@@ -235,10 +239,10 @@ def _leaves(axis, t, y, mode, events):  # type: ignore[no-untyped-def]
     if axis.inside and side * push < 0.0:
         events.append((t, OPEN))
         left = x + 0.5 * side * _width(axis, x)
-        return _State(left, 0.0, y.total, y.given), _Mode(CROSS, side, mode.way, x, left)
+        return _State(left, 0.0, y.total, y.given), Mode(CROSS, side, mode.way, x, left)
     if (side * net if axis.inside else abs(net)) > held:
         way = side if axis.inside else (1 if net > 0.0 else -1)
-        return y, _Mode(SLIP, side, way, x, mode.left)
+        return y, Mode(SLIP, side, way, x, mode.left)
     return y, mode
 
 
@@ -260,14 +264,14 @@ def _changes(axis, t, y, mode, events):  # type: ignore[no-untyped-def]
     """Go over to the mode that follows."""
     if mode.kind == SLIP:
         events.append((t, STICK))
-        return _State(y.place, 0.0, y.total, y.given), _Mode(REST, mode.side, 0, y.place, mode.left)
+        return _State(y.place, 0.0, y.total, y.given), Mode(REST, mode.side, 0, y.place, mode.left)
     across = -mode.side * (y.place - mode.left) > 0.5 * _width(axis, mode.x)
     side = -mode.side if across else mode.side
     events.append((t, PICKUP if across else BACK))
     speed = axis.kept * axis.eta * y.speed
     slips = speed * side > 1e-9
     after = _State(mode.x, speed if slips else 0.0, y.total, y.given)
-    return after, _Mode(SLIP if slips else REST, side, side if slips else 0, mode.x, mode.left)
+    return after, Mode(SLIP if slips else REST, side, side if slips else 0, mode.x, mode.left)
 
 
 @numba.njit
@@ -344,3 +348,77 @@ def _rigid(axis, t, x, v):  # type: ignore[no-untyped-def]
 def _dry(axis, speed):  # type: ignore[no-untyped-def]
     ratio = speed / axis.fade
     return axis.coulomb + axis.breakaway * math.exp(-ratio * ratio)
+
+
+# Without a cascade, from event to event.
+
+SHORTEST = 1e-6
+"""[s] The first step behind an event: a longer one could leave and return, and call that the same event."""
+
+HALVINGS = 50
+"""Of a step in which an event is: a step of 0.1 ms comes to less than 1e-18 s."""
+
+
+@numba.njit(cache=True)
+def run_leg(axis, mode, t, y, grid, rows):  # type: ignore[no-untyped-def]
+    """Fill rows (n, 2) at the times of a grid (n,) to its end or an event; how many, and time, state and event (or -1).
+
+    `y` is the place and the speed of what moves; the place of a motor in its gap is its way from the flank it left.
+    """
+    longest = SHORTEST if mode.way or mode.kind == CROSS else STEP
+    for row in range(len(grid)):
+        while t < grid[row]:
+            until = min((math.floor(t / STEP + 1e-6) + 1.0) * STEP, t + longest)
+            if until > grid[row] - 1e-12:
+                until = grid[row]
+            after = _leg_step(axis, mode, t, y, until - t)
+            if _leg_event(axis, mode, after) >= 0:
+                low, high = 0.0, until - t
+                for _ in range(HALVINGS):
+                    middle = 0.5 * (low + high)
+                    if _leg_event(axis, mode, _leg_step(axis, mode, t, y, middle)) >= 0:
+                        high = middle
+                    else:
+                        low = middle
+                y = _leg_step(axis, mode, t, y, high)
+                return row, t + high, y, _leg_event(axis, mode, y)
+            t, y, longest = until, after, STEP
+        rows[row, 0], rows[row, 1] = y
+    return len(grid), t, y, -1
+
+
+@numba.njit
+def _leg_event(axis, mode, y):  # type: ignore[no-untyped-def]
+    """Return 0 where a slip stops or a motor meets the other flank, 1 where it is back at its own; -1: neither."""
+    if mode.kind == SLIP:
+        return 0 if mode.way and mode.way * y[1] <= 0.0 else -1
+    if -mode.side * y[0] >= _width(axis, mode.x):
+        return 0
+    return 1 if mode.side * y[0] >= 0.0 else -1
+
+
+@numba.njit
+def _leg_step(axis, mode, t, y, h):  # type: ignore[no-untyped-def]
+    """Make one step of Runge and Kutta."""
+    half, (x, v) = 0.5 * h, y
+    first = _bend(axis, mode, t, x, v)
+    second = _bend(axis, mode, t + half, x + half * v, v + half * first)
+    third = _bend(axis, mode, t + half, x + half * (v + half * first), v + half * second)
+    fourth = _bend(axis, mode, t + h, x + h * (v + half * second), v + h * third)
+    return x + h * (v + h / 6.0 * (first + second + third)), v + h / 6.0 * (first + 2.0 * (second + third) + fourth)
+
+
+@numba.njit
+def _bend(axis, mode, t, place, speed):  # type: ignore[no-untyped-def]
+    """Return the acceleration: b ẍ + c ẋ = X - x less the other forces, or of the motor alone η b (m̈ + β ṁ) = X - x."""
+    if mode.kind == CROSS:
+        push = _limited(axis, _between(axis.wanted, t) - mode.x) - _cogged(axis, mode.left + place)
+        return push / (axis.eta * axis.b) - axis.beta * speed
+    force = _limited(axis, _between(axis.wanted, t) - place) - axis.own * speed - _rigid(axis, t, place, speed)
+    force -= _cogged(axis, _touching(axis, mode, place)) + mode.way * _dry(axis, abs(speed))
+    return force / (axis.b * (1.0 + axis.share * min(max(t / axis.over, 0.0), 1.0)))
+
+
+@numba.njit
+def _limited(axis, push):  # type: ignore[no-untyped-def]
+    return min(max(push, -axis.limit), axis.limit)
