@@ -1,4 +1,4 @@
-"""Compensate axes beside X, Y and Z of a part program, before X, Y and Z, and say what comes of it."""
+"""Compensate axes beside X, Y and Z of a part program, and its holes, before all else, and say what comes of it."""
 
 from __future__ import annotations
 
@@ -17,11 +17,14 @@ from ph_post.dialects.declaration import comment_pattern, read_facts
 from ph_post.dialects.registry import find_dialect
 from ph_post.edit.further_edits import FurtherAxisPlan, plan_further
 from ph_post.edit.further_write import FurtherRequest, write_further
+from ph_post.edit.hole_edits import HolePlan, plan_holes
 from ph_post.edit.undo import original_of
 from ph_post.edit.window_plans import shifts_axes
 from ph_post.errors import InputError
 from ph_post.expand.writing import SHIFTED
 from ph_post.files.storage import SourceBytes
+from ph_post.gcode.codes import CYCLE
+from ph_post.gcode.holes import hole_runs
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
 from ph_post.simulate.contour import ContourError
@@ -30,7 +33,7 @@ from ph_post.verify.shifted import verify_shifted
 from ph_post.version import package_version
 
 _HEAD: Final = comment_pattern(f"{SHIFTED.mark}.*")
-_VERSION: Final = re.compile(r"(\S+) compensated axes .*", re.IGNORECASE)
+_VERSION: Final = re.compile(r"(\S+) compensated .*", re.IGNORECASE)
 _HASH: Final = re.compile(r"(?:machine .*,|options) sha256 ?([0-9a-f]*)", re.IGNORECASE)
 
 
@@ -50,14 +53,17 @@ class FurtherError(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ShiftedJob(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """A job of which axes beside X, Y and Z are compensated, or the job itself.
+    """A job of which axes beside X, Y and Z, and holes, are compensated, or the job itself.
 
-    `changed` says that it was changed here, `done` that it was so before; `plans` and `warnings` are those of the axes.
+    `changed` says that it was changed here, `done` that it was so before; `plans` are those of the axes, `original` the
+    program before both.
     """
 
     job: PartProgram | SourceBytes
     plans: tuple[FurtherAxisPlan, ...] = ()
+    holes: HolePlan = HolePlan()
     warnings: tuple[str, ...] = ()
+    original: PartProgram | None = None
     changed: bool = False
     done: bool = False
 
@@ -67,18 +73,36 @@ class ShiftedJob(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return tuple(_error(plan) for plan in self.plans)
 
     @property
+    def hole_errors(self) -> tuple[FurtherError, ...]:
+        """What comes of X and Y at holes, where they change there."""
+        return tuple(_hole_error(plan) for plan in self.holes.axes) if self.holes.changed else ()
+
+    def told(self, program: PartProgram) -> PartProgram:
+        """Return a program that was made here with the notes of what is passed through, but for holes that are not."""
+        runs = hole_runs(self.original) if self.original is not None and self.holes.changed else []
+        done = [(one.first, one.last) in self.holes.runs for one in runs]
+        made = hole_runs(program) if any(done) else []
+        spans = [(one.first, one.last) for one, whole in zip(made, done, strict=False) if whole]
+        notes = tuple(
+            note
+            for note in program.notes
+            if note.why != CYCLE or not any(first <= note.first <= last for first, last in spans)
+        )
+        return program if len(notes) == len(program.notes) else msgspec.structs.replace(program, notes=notes)
+
+    @property
     def reversals(self) -> tuple[AxisReversals, ...]:
         """Numbers of reversals, those among cuts."""
         return tuple(
             AxisReversals(axis=one.axis.name, compensated=one.done, all=one.reversals, cut=one.reversals - one.done)
-            for one in self.plans
+            for one in (*self.plans, *self.holes.axes)
         )
 
 
 def shifted_job(
     job: PartProgram | SourceBytes, machine: Machine, request: ProgramRequest, *, strict: bool = False
 ) -> ShiftedJob:
-    """Compensate the axes beside X, Y and Z of a job that a machine has and the program moves.
+    """Compensate the axes beside X, Y and Z of a job that a machine has and the program moves, and its holes.
 
     Raises
     ------
@@ -86,9 +110,9 @@ def shifted_job(
         Where it was compensated for something else before.
     """
     asked = find_traits(request.plan.strategy).compensates and shifts_axes(request.plan)
-    if not machine.further or not asked:
-        return ShiftedJob(job=job)
-    program = program_in(job, machine.dialect, strict=strict)
+    program = program_in(job, machine.dialect, strict=strict) if asked else job
+    if not (isinstance(program, PartProgram) and (machine.further or _drills(program, machine.dialect))):
+        return ShiftedJob(job=program)
     plain = original_of(program) or program
     kept = SHIFTED.read(plain.data, plain.name)
     wanted = FurtherRequest.of(machine, request.digest(machine.dialect))
@@ -97,24 +121,32 @@ def shifted_job(
     if kept is not None and not same and not request.force:
         raise InputError(
             program.name,
-            "axes beside X, Y and Z were compensated before, otherwise or for another machine",
+            "axes beside X, Y and Z, or holes, were compensated before, otherwise or for another machine",
             expected="the original, or --force to begin again from it, or --undo",
         )
     if plain is not program and not request.force and kept is None:
         return ShiftedJob(job=program)
     plans, said = plan_further(base, machine, dialect, request.edit)
+    holes = plan_holes(base, machine, dialect, request.edit)
+    said += holes.left
+    found = ShiftedJob(job=base, plans=tuple(plans), holes=holes, warnings=tuple(said), original=base)
     if same and not request.force:
-        return ShiftedJob(job=program, plans=tuple(plans), warnings=tuple(said), done=True)
-    data = write_further(base, plans, dialect, wanted)
+        return msgspec.structs.replace(found, job=program, done=True)
+    data = write_further(base, plans, dialect, wanted, holes)
     if data == base.data:
-        return ShiftedJob(job=base, plans=tuple(plans), warnings=tuple(said))
+        return found
     after = reread(base, data)
     verdict = verify_shifted(base, after, machine)
-    if not verdict.ok:
-        names = ", ".join(plan.axis.name for plan in plans)
-        why = f"the program does not pass its own check: {verdict.failures[0].sentence()}"
-        return ShiftedJob(job=base, warnings=(*said, f"axes {names} not compensated: {why}"))
-    return ShiftedJob(job=after, plans=tuple(plans), warnings=tuple(said), changed=True)
+    if verdict.ok:
+        return msgspec.structs.replace(found, job=found.told(after), changed=True)
+    names = ", ".join(plan.axis.name for plan in (*plans, *holes.axes))
+    why = f"the program does not pass its own check: {verdict.failures[0].sentence()}"
+    return ShiftedJob(job=base, warnings=(*said, f"axes {names} not compensated: {why}"))
+
+
+def _drills(program: PartProgram, dialect: str) -> bool:
+    """Return whether a program has drilling cycles in which X and Y can be compensated."""
+    return find_dialect(dialect).abilities.drills and any(note.why == CYCLE for note in program.notes)
 
 
 def _hashes(program: PartProgram) -> tuple[str, ...]:
@@ -146,6 +178,36 @@ def _error(plan: FurtherAxisPlan) -> FurtherError:
         before=_played(plan, places, 1.0),
         after=after,
         after_worst=worst,
+        reversals=plan.reversals,
+        done=plan.done,
+    )
+
+
+def _hole_error(plan: FurtherAxisPlan) -> FurtherError:
+    """Return how far an axis is off at holes; where nobody knows on which side it begins, on the worse one."""
+    unsure, half = plan.axis.uncertainty.backlash, 0.5 * plan.axis.gap.lost_motion
+
+    def size(factor: float, *, shifted: bool) -> ContourError:
+        reach, errors = factor * half, []
+        for side in (-1.0, 1.0):
+            table = np.nan
+            for stand in plan.stands:
+                motor = stand.motor if shifted else stand.place
+                if np.isnan(stand.motor):
+                    table = np.nan
+                elif not np.isnan(motor):
+                    begin = motor + side * reach if np.isnan(table) else table
+                    table = min(max(begin, motor - reach), motor + reach)
+                if stand.counts:
+                    errors.append(abs(table + plan.axis.reference_side * reach - stand.place))
+        found = np.array(errors or [0.0])
+        return ContourError(max=float(found.max()), rms=float(np.sqrt(np.mean(found**2))))
+
+    return FurtherError(
+        axis=plan.axis.name,
+        before=size(1.0, shifted=False),
+        after=size(1.0, shifted=True),
+        after_worst=max((size(1.0 + sign * unsure, shifted=True) for sign in (-1, 1)), key=lambda one: one.max),
         reversals=plan.reversals,
         done=plan.done,
     )

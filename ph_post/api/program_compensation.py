@@ -84,7 +84,7 @@ class ProgramCompensation(Compensation):
 
     @cached_property
     def shifted(self) -> ShiftedJob:
-        """The job with its axes beside X, Y and Z compensated, as far as the machine has such."""
+        """The job with its axes beside X, Y and Z compensated, as far as the machine has such, and its holes."""
         return shifted_job(self.expansion[0], self.machine, self.request, strict=self.options.strict)
 
     @property
@@ -97,7 +97,8 @@ class ProgramCompensation(Compensation):
         """The program before and after, with the changes."""
         self.options.check_for_program()
         program = program_in(self.shifted.job, self.machine.dialect, strict=self.options.strict)
-        return compensate_program(program, self.machine, self.request, self._progress)
+        found = compensate_program(program, self.machine, self.request, self._progress)
+        return msgspec.structs.replace(found, before=self.shifted.told(found.before)) if found.done else found
 
     @property
     def original(self) -> PartProgram:
@@ -140,14 +141,18 @@ class ProgramCompensation(Compensation):
             return self.longest.warnings
         said = (*gravity_notes(self.machine, moved_axes(self.original)), *planner_notes(self.machine))
         units = () if self.unchanged else units_notes(self.original, find_dialect(self.machine.dialect))
-        return (*self.expansion[1], *self.shifted.warnings, *self.edited.warnings, *units, *said)
+        found = (*self.expansion[1], *self.shifted.warnings, *self.edited.warnings, *units, *said)
+        return tuple(dict.fromkeys(found))
 
     @property
     def axis_reversals(self) -> tuple[AxisReversals, ...]:
         """Numbers of reversals of every axis with backlash."""
         if self.output == "table":
             return self.longest.axis_reversals
-        return (*count_program_reversals(self.places, self.machine), *self.shifted.reversals)
+        rows = {row.axis: row for row in count_program_reversals(self.places, self.machine)}
+        for row in self.shifted.reversals:
+            rows[row.axis] = rows[row.axis].with_more(row) if row.axis in rows else row
+        return tuple(rows.values())
 
     @property
     def not_compensated(self) -> str:

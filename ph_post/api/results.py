@@ -54,6 +54,11 @@ class AxisReversals(msgspec.Struct, frozen=True, kw_only=True):
     all: int
     cut: int
 
+    def with_more(self, other: AxisReversals) -> AxisReversals:
+        """Return the numbers of these and of others of the axis."""
+        compensated, every = self.compensated + other.compensated, self.all + other.all
+        return AxisReversals(axis=self.axis, compensated=compensated, all=every, cut=self.cut + other.cut)
+
 
 def count_reversals(found: Iterable[tuple[str, bool, bool]], machine: Machine) -> tuple[AxisReversals, ...]:
     """Count reversals by axis, those of axes without backlash left out.

@@ -182,6 +182,8 @@ class Abilities(msgspec.Struct, frozen=True, kw_only=True):
         None where the controller reads a file.
     feed_along_all : bool
         Whether F counts along all axes, degrees as mm, and not along X, Y and Z.
+    drills : bool
+        Whether it has drilling cycles, which may end in the plane R where they begin.
     """
 
     arc_planes: tuple[str, ...] = ("G17", "G18", "G19")
@@ -193,6 +195,7 @@ class Abilities(msgspec.Struct, frozen=True, kw_only=True):
     dwells: bool = True
     stream: StreamLimit | None = None
     feed_along_all: bool = False
+    drills: bool = False
 
     def writes_arcs(self, plane: str, *, inverse: bool = False) -> bool:
         """Return whether arcs can be written in a plane; `inverse` under G93."""

@@ -178,6 +178,7 @@ DIALECT = Dialect(
         cubic=CubicAbility(deviation=spline_deviation, pieces=2 * _SPANS),
         # Under G93 LinuxCNC computes no feed for a G5: the rate of the block before stays in force.
         inverse_time=frozenset(("line", "arc")),
+        drills=True,
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=7),
     notices=Notices(

@@ -1,6 +1,6 @@
-"""Write the offsets of axes beside X, Y and Z into a program, and what undoes that.
+"""Write the offsets of axes beside X, Y and Z, and of holes in drilling cycles, into a program, and what undoes that.
 
-It comes before all that is done for X, Y and Z, which then finds the words of these axes as they are to stay.
+It comes before all else that is done for X, Y and Z, which then finds the words of these as they are to stay.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from ph_post.dialects.base import Dialect
 from ph_post.edit.block_words import line_end
 from ph_post.edit.changes import Change
 from ph_post.edit.further_edits import AddedMoves, FurtherAxisPlan
+from ph_post.edit.hole_edits import HolePlan
 from ph_post.edit.word_shifts import ShiftedWords, assemble
 from ph_post.edit.write import HASH_DIGITS, head_line, join_lines, shifted_numbers
 from ph_post.expand.writing import SHIFTED, Written
@@ -50,16 +51,22 @@ class FurtherRequest(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def write_further(
-    program: PartProgram, plans: Sequence[FurtherAxisPlan], dialect: Dialect, request: FurtherRequest
+    program: PartProgram,
+    plans: Sequence[FurtherAxisPlan],
+    dialect: Dialect,
+    request: FurtherRequest,
+    holes: HolePlan | None = None,
 ) -> bytes:
-    """Write plans of axes beside X, Y and Z into a program; its own bytes where nothing changes.
+    """Write plans of axes beside X, Y and Z, and of holes, into a program; its own bytes where nothing changes.
 
     Raises
     ------
     InputError
         Where a number has too many digits.
     """
-    changed = [plan for plan in plans if plan.shifts or plan.added]
+    holes = HolePlan() if holes is None else holes
+    across = holes.axes if holes.changed else ()
+    changed = [*(plan for plan in plans if plan.shifts or plan.added), *across]
     if not changed:
         return program.data
     decimals, least = max(plan.decimals for plan in changed), int(dialect.numbers.point)
@@ -68,10 +75,11 @@ def write_further(
     delta = np.array([steps[one] for one in word.tolist()], dtype=np.int32)
     numbers = shifted_numbers(program, ShiftedWords(word=word, delta=delta), decimals, least)
     changes = [_change(program, plan, one, dialect) for plan in changed for one in plan.added]
+    changes += holes.changes
     changes.sort(key=lambda change: change.block)
     style, end, first = dialect.syntax.comments, line_end(program), head_line(program)
     most = dialect.syntax.max_line
-    facts = [SHIFTED.mark + fact for fact in _facts(program, changed, request)]
+    facts = [SHIFTED.mark + fact for fact in _facts(program, changed, holes, request)]
     texts = [join_lines([line for fact in facts for line in comment_lines(fact, most, style)], end)]
     for change in changes:
         mark = f"{SHIFTED.mark}+{len(change.lines)} -0 {', '.join(change.label)}"
@@ -94,15 +102,19 @@ def write_further(
     return SHIFTED.add(text, kept, end.encode(), style)
 
 
-def _facts(program: PartProgram, plans: Sequence[FurtherAxisPlan], request: FurtherRequest) -> list[str]:
+def _facts(
+    program: PartProgram, plans: Sequence[FurtherAxisPlan], holes: HolePlan, request: FurtherRequest
+) -> list[str]:
+    whats = ["axes beside X, Y and Z"] if any(plan not in holes.axes for plan in plans) else []
+    whats += ["X and Y of holes"] if holes.changed else []
     return [
-        f"{package_version()} compensated axes beside X, Y and Z",
+        f"{package_version()} compensated {' and '.join(whats)}",
         f"original sha256 {program.digest}",
         f"machine {request.machine}, sha256 {request.machine_digest}",
         f"options sha256 {request.options_digest}",
         *(f"offset {plan.axis.name} {offset_words(plan)}" for plan in plans),
         *(f"take-up {plan.axis.name} {_way_text(plan, plan.beyond)}" for plan in plans if plan.beyond),
-        f"{sum(plan.added_moves for plan in plans)} short moves",
+        f"{sum(plan.added_moves for plan in plans) + sum(len(one.lines) for one in holes.changes)} short moves",
     ]
 
 

@@ -52,6 +52,11 @@ def program_summary(result: ProgramCompensation) -> str:
         for plan in result.shifted.plans
         if plan.shifts or plan.added
     ]
+    holes = result.shifted.holes
+    if holes.changed:
+        offsets = " and ".join(f"{plan.axis.name} by {offset_words(plan)}" for plan in holes.axes)
+        cycles = counted(sum(len(one.lines) for one in holes.changes), "empty cycle")
+        further.append(f"holes: {offsets}, {cycles} added")
     said = changes_summary(result.edited)
     return f"{name}: {'; '.join([*further, *([] if further and said == UNCHANGED else [said])])}"
 

@@ -58,7 +58,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     where the part is on the left, -1 where it is on the right. `leads` names what the compensated motion leads, and
     friction even where that is left; empty where nothing: what backlash alone adds hides behind that before, and the
     error by all causes is said too.
-    `further` are axes beside X, Y and Z.
+    `further` are axes beside X, Y and Z, `holes` X and Y at the holes of drilling cycles.
     """
 
     time: tuple[float, float] | None = None
@@ -76,6 +76,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     part_side: int = 0
     leads: str = ""
     further: tuple[FurtherError, ...] = ()
+    holes: tuple[FurtherError, ...] = ()
 
 
 def summarize(result: Compensation, output: PlanOutput | None = None, *, simulated: bool = True) -> ResultSummary:
@@ -108,7 +109,11 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
         leads = _with_friction(_led_in_program(path.edited), path.machine, moved)
         side = path.options.editing.part_side
         found = msgspec.structs.replace(
-            found or ResultSummary(), part_side=side, leads=leads, further=path.shifted.errors
+            found or ResultSummary(),
+            part_side=side,
+            leads=leads,
+            further=path.shifted.errors,
+            holes=path.shifted.hole_errors,
         )
     return _counted(found or ResultSummary(), rows, warnings, notes)
 
@@ -218,6 +223,7 @@ X, Y, Z compensated, 42 of 42 reversals
         parts += [f"into the part {_into_part(found)}"] if _into_part(found) else []
         parts.append(f"{after} s" if found.alone else f"{before} → {after} s")
     parts += [_further_words(one) for one in found.further]
+    parts += [f"holes {_further_words(one)}" for one in found.holes]
     parts += [words for words in [_axis_words(found), *_whole_error_words(found)] if words]
     said = [f"NOT COMPENSATED: {found.left}"] if found.left else []
     return [*said, "; ".join(parts)]
@@ -332,6 +338,7 @@ def summary_view(found: ResultSummary) -> dict[str, Any]:
         "reversals": None if found.reversals is None else found.reversals._asdict(),
         "axes": list(found.axes),
         "further_axes": {one.axis: _further_view(one) for one in found.further},
+        "holes": {one.axis: _further_view(one) for one in found.holes},
         "not_compensated": found.left or None,
         "not_simulated": found.trouble or None,
         "result_line": result_lines(found)[-1],

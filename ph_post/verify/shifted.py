@@ -1,4 +1,4 @@
-"""Check the offsets of axes beside X, Y and Z, which a program has from before those of X, Y and Z."""
+"""Check the offsets of axes beside X, Y and Z, and of holes, which a program has from before those of X, Y and Z."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from ph_post.gcode.further import FurtherMoves, further_moves
+from ph_post.gcode.holes import ACROSS, goes_on, hole_runs, place_before
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Machine
 from ph_post.units import DEGREE, LENGTHS
@@ -20,11 +21,13 @@ from ph_post.verify.verdict import Findings, Verdict, quoted
 
 _COMMENT = re.compile(rb"(?:\(|; )(.*?)\)?\s*")
 _MARK = "ph-post-axes: "
-_HEAD = re.compile(r"\S+ compensated axes beside X, Y and Z", re.IGNORECASE)
-_OFFSET = re.compile(r"offset ([ABCUVW]) ([-+]?\d*\.?\d+) (deg|mm|inch)", re.IGNORECASE)
+_HEAD = re.compile(r"\S+ compensated (?:axes beside X, Y and Z|(?:axes beside X, Y and Z and )?X and Y of holes)", re.I)
+_OFFSET = re.compile(r"offset ([ABCUVWXY]) ([-+]?\d*\.?\d+) (deg|mm|inch)", re.IGNORECASE)
 _ORIGINAL = re.compile(r"original sha256 ([0-9a-f]{64})", re.IGNORECASE)
 _MACHINE = re.compile(r"machine (.*), sha256 ?([0-9a-f]*)", re.IGNORECASE)
-_OTHERS = re.compile(r"options sha256 [0-9a-f]*|take-up [ABCUVW] [.\d]+ (?:deg|mm|inch)|\d+ short moves", re.IGNORECASE)
+_OTHERS = re.compile(
+    r"options sha256 [0-9a-f]*|take-up [ABCUVWXY] [.\d]+ (?:deg|mm|inch)|\d+ short moves", re.IGNORECASE
+)
 _ADDED = re.compile(r"\+(\d+) -0 (.*)", re.IGNORECASE)
 _UNDO = re.compile(r"undo \d+/\d+ [A-Za-z0-9+/=]+", re.IGNORECASE)
 _MORE = re.compile(rb"(?:\(|; ) {2}(.*?)\)?\s*")
@@ -91,7 +94,10 @@ def verify_shifted(original: PartProgram, shifted: PartProgram, machine: Machine
     _check_lines(original, shifted, layer, findings)
     _check_rest(original, shifted, layer, findings)
     for letter, axis in layer.axes.items():
-        _Follower(original, shifted, layer, letter, axis, findings).check()
+        if letter in ACROSS:
+            _follow_holes(original, shifted, layer, letter, findings)
+        else:
+            _Follower(original, shifted, layer, letter, axis, findings).check()
     return findings.verdict()
 
 
@@ -151,7 +157,7 @@ def _check_machine(layer: _Layer, machine: Machine, findings: Findings) -> None:
         what = "the axes beside X, Y and Z were compensated for another machine"
         findings.add("machine", what, expected=machine.name, got=layer.machine)
     for letter, declared in layer.axes.items():
-        axis = machine.further.get(letter)
+        axis = (machine.axes if letter in ACROSS else machine.further).get(letter)
         lost = 0.0 if axis is None or axis.loop.encloses_backlash else axis.gap.lost_motion
         side = 0 if axis is None else -axis.reference_side
         way = float(declared.number) * declared.unit * (1.0 if declared.side else 2.0)
@@ -163,6 +169,7 @@ def _check_machine(layer: _Layer, machine: Machine, findings: Findings) -> None:
 def _check_lines(original: PartProgram, shifted: PartProgram, layer: _Layer, findings: Findings) -> None:
     """Demand the same bytes but for numbers of declared axes, which differ by an offset or a change of it, exactly."""
     letters = "".join(layer.axes).encode()
+    holes = {hole.block for run in hole_runs(original) if not run.why for hole in run.holes}
     number = re.compile(rb"([%s][ \t]*)([-+]?(?:\d+\.?\d*|\.\d+))" % letters, re.IGNORECASE) if letters else None
     carried = {letter: (axis.offsets, _changes(axis)) for letter, axis in layer.axes.items()}
     for old, new in enumerate(layer.own):
@@ -180,13 +187,38 @@ def _check_lines(original: PartProgram, shifted: PartProgram, layer: _Layer, fin
         relative = not shifted.modal_after(new).absolute
         for name, before, after in zip(first[1::3], first[2::3], second[2::3], strict=True):
             letter = name[:1].decode().upper()
+            if letter in ACROSS and before != after and old not in holes:
+                what = f"{letter} is shifted beside the holes of drilling cycles"
+                findings.add("offset", what, original=old, compensated=new, expected=quoted(one), got=quoted(other))
             if Decimal(after.decode()) - Decimal(before.decode()) not in carried[letter][relative]:
                 what = f"{letter} is shifted by something other than the declared offset"
                 findings.add("offset", what, original=old, compensated=new, expected=str(layer.axes[letter].number))
     for line in layer.added:
         own = {chr(shifted.words.letter[word]) for word in shifted.words_of(line)}
+        if own & {*ACROSS}:
+            behind = next((own for own in layer.own if own > line and shifted.words_of(own)), line)
+            if not _is_empty_cycle(shifted, line) or _plane(shifted, line) != _plane(shifted, behind):
+                findings.add("text", "an added line is more than a cycle from R to R", compensated=line)
+            continue
         if not (own & layer.axes.keys() and own <= {*layer.axes, "G", "F"}):
             findings.add("text", "an added line is more than a move of such an axis", compensated=line)
+
+
+def _is_empty_cycle(program: PartProgram, line: int) -> bool:
+    """Return whether a line is a cycle that drills nothing: from the plane R to R."""
+    words = program.words
+    own = [(chr(words.letter[word]), float(words.value[word])) for word in program.words_of(line)]
+    values = dict(own)
+    modes = {value for letter, value in own if letter == "G"}
+    whole = {"G", "R", "Z"} <= values.keys() <= {*"FGRXYZ"} and 81.0 in modes <= {81.0, 90.0, 98.0, 99.0}
+    return whole and values["R"] == values["Z"]
+
+
+def _plane(program: PartProgram, line: int) -> float | None:
+    """Return the R of a line."""
+    words = program.words
+    found = [float(words.value[word]) for word in program.words_of(line) if words.letter[word] == ord("R")]
+    return found[0] if found else None
 
 
 def _changes(axis: ShiftedAxis) -> set[Decimal]:
@@ -213,6 +245,46 @@ def _check_rest(original: PartProgram, shifted: PartProgram, layer: _Layer, find
     for old in np.flatnonzero(unlike | ~(feeds | timed))[:1].tolist():
         what = "the modal state after the block is another one"
         findings.add("state", what, original=old, compensated=layer.own[old])
+
+
+def _follow_holes(original: PartProgram, shifted: PartProgram, layer: _Layer, letter: str, findings: Findings) -> None:
+    """Demand that an axis is where the original names it at every hole of a run that carries its offset.
+
+    Nobody knows on which side of its backlash it is before such a run. No offset lasts into what goes on from there.
+    """
+    (below, above), words = layer.axes[letter].reach, shifted.words
+    line, back = {new: old for old, new in enumerate(layer.own)}, layer.own
+    for run in hole_runs(original):
+        first = back[run.first - 1] + 1 if run.first else 0
+        place, table, wrong, carries = place_before(original, run.first, letter), None, None, False
+        motor = place
+        for block in range(first, back[run.last] + 1):
+            old = line.get(block)
+            if old is None and block not in layer.added:
+                continue
+            own = {chr(words.letter[word]): word for word in shifted.words_of(block)}
+            if not own:
+                continue
+            if table is None and not math.isnan(motor):
+                table = motor - below, motor + above
+            if letter in own:
+                motor = float(words.value[own[letter]]) * shifted.modal_after(block).units
+                low, high = (motor - below, motor + above) if table is None else table
+                table = min(max(low, motor - below), motor + above), min(max(high, motor - below), motor + above)
+            if old is None:
+                carries = True
+                continue
+            named = {chr(original.words.letter[word]): word for word in original.words_of(old)}
+            if letter in named:
+                place = float(original.words.value[named[letter]]) * original.modal_after(old).units
+            carries |= not abs(motor - place) <= _SAME and not math.isnan(place)
+            band = _BAND * (below + above) + _SAME
+            if table is not None and any(abs(one - place) > band for one in table):
+                wrong = block if wrong is None else wrong
+        if carries and wrong is not None:
+            findings.add("offset", f"{letter} is beside its place at a hole", compensated=wrong)
+        if carries and goes_on(original, run.last, frozenset(letter)) is not None and motor != place:
+            findings.add("return", f"the offset of {letter} lasts into what goes on from there", compensated=wrong)
 
 
 class _Follower:

@@ -174,7 +174,7 @@ DIALECT = Dialect(
         dwell=DwellWords(letter="P", unit=MS, decimals=0),
         finish=finish,
     ),
-    abilities=Abilities(feed_along_all=True),
+    abilities=Abilities(feed_along_all=True, drills=True),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6, feed_decimals=_FEED_DECIMALS, point=True),
     language=Language(read=read_fanuc, further=FURTHER, shortest=True),
     notices=Notices(
