@@ -23,7 +23,7 @@ from ph_post.compensate.motion import FeedAlong, cycle_time
 from ph_post.compensate.offsets import may_shift
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan_warnings import SAFE
-from ph_post.compensate.prove import prove
+from ph_post.compensate.prove import little_friction, prove
 from ph_post.compensate.race import race
 from ph_post.compensate.room import unwinding_time
 from ph_post.compensate.shapes import reported_ratio
@@ -367,6 +367,14 @@ class Planner:
             return {}
         return friction_of_machine(self.machine, self.analysis.path.axes)
 
+    def _led_friction_warnings(self, result: StrategyResult) -> list[str]:
+        """Say where less than all of the friction is led."""
+        names = self._friction(result)
+        if not names:
+            return []
+        little = little_friction(self.machine.axes[name] for name in names)
+        return plan_warnings.led_friction_warnings(result.friction_part, little)
+
     def plan(self, name: str, result: StrategyResult) -> Plan:
         """Fit what a strategy proposes to the path and the limits."""
         first = result.friction_first if self._friction(result) else 0.0
@@ -402,7 +410,7 @@ class Planner:
             warnings=(
                 *self._fitting_warnings(feed_planner, fitted, result),
                 *plan_warnings.offset_warnings(self.machine, layout),
-                *plan_warnings.led_friction_warnings(result.friction_part if self.lead else 0.0),
+                *self._led_friction_warnings(result),
                 *plan_warnings.doubtful_values(self.machine, analysis.path.axes),
             ),
         )

@@ -353,11 +353,11 @@ def _listed(words: Sequence[str]) -> str:
     return ", ".join(words[:_NUMBERS]) + (f" and {left} more" if left > 0 else "")
 
 
-def led_friction_warnings(part: float) -> list[str]:
-    """Warn where less than all of the friction is led."""
+def led_friction_warnings(part: float, little: float) -> list[str]:
+    """Warn where less than all of the friction is led, as a machine with only a `little` part of it would be worse."""
     if part in (0.0, 1.0):
         return []
     return [
         f"{100.0 * part:.0f} % of the friction is led: with all of it the table would be farther off than the plain "
-        "program's on a machine with half of that friction"
+        f"program's on a machine with {100.0 * little:.0f} % of that friction"
     ]

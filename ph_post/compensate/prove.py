@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
 from ph_post.compensate.violations import check_command
 from ph_post.simulate.assess import for_each_scenario, is_nominal, scenarios
 from ph_post.simulate.contour import Nominal, first_counted
-from ph_post.types import Array, Command, Machine, Plan, Scenario
+from ph_post.types import Array, Axis, Command, Machine, Plan, Scenario
 
 if TYPE_CHECKING:
     from ph_post.compensate.plan import Planner
@@ -40,11 +41,15 @@ NO_WORSE: Final = 1.002
 """Ratio by which root mean square and percentile of the error may be larger: a motion that takes longer is sampled
 at other places. The largest error may not be."""
 
-LITTLE_FRICTION: Final = 0.5
-"""Part of the friction of the machine file with which a plan that leads it may be no worse than the plain program."""
+SPREADS: Final = 2.5
+"""Times its uncertainty by which friction may be less, for a plan that leads it to be no worse than the plain one."""
 
-LEAST_FRICTION: Final = 0.55
-"""Part of the friction below which none of it is led."""
+MISSING: Final = (0.25, 0.5)
+"""Parts of the friction that are the least and the largest of that: it changes from day to day, whatever a log knew of
+it, and half of it is missing where the machine file does not say how sure it is."""
+
+LEAST_FRICTION: Final = 0.05
+"""By how much more than what may be left of the friction is led at least, or else none of it."""
 
 TOO_LONG: Final = "the stops that a lasting offset needs take longer than --max-slowdown allows"
 
@@ -66,8 +71,8 @@ def prove(plan: Plan, result: StrategyResult, planner: Planner) -> Plan:
     The largest contour error of the whole run counts, its root mean square and its 95th percentile: for every pick-up
     rule with every size of the backlash, the largest of its scenarios. Round by round a change is removed: the last
     one before a largest error, and the one around which most of the mean square, or of what lies above the percentile,
-    came to be. Where friction is led and half of it would do harm, less of it is led. A plan that still takes too long
-    after quicker designs were asked for is replaced by the plain one.
+    came to be. Where friction is led and little of it would do harm, less of it is led. A plan that still takes too
+    long after quicker designs were asked for is replaced by the plain one.
 
     Parameters
     ----------
@@ -114,7 +119,8 @@ def prove_in_time(
         if blamed is None:
             return Proven(plan, result)
         if checker.too_much_friction > 0.0 and plan.friction_part:
-            result = replace(result, friction_part=_less_friction(plan.friction_part, checker.too_much_friction))
+            less = _less_friction(plan.friction_part, checker.too_much_friction, checker.little)
+            result = replace(result, friction_part=less)
             plan, known, command = planner.plan(plan.strategy, result), {}, None
             continue
         requests = tuple(
@@ -138,13 +144,28 @@ def left_alone(name: str, result: StrategyResult, planner: Planner, why: str) ->
     return replace(left, phases=left.nominal, inverse_dynamics=False, warnings=said)
 
 
-def _less_friction(part: float, ratio: float) -> float:
+def little_friction(axes: Iterable[Axis]) -> float:
+    """Return the part of the friction of axes with which a plan that leads it may be no worse than the plain program.
+
+    Of axes with different uncertainties the largest counts, as all have the same factor.
+
+    Examples
+    --------
+    >>> from ph_post.drive.machinefile import read_machine
+    >>> little_friction(read_machine("old_mill").axes.values())
+    0.5
+    """
+    spread = max(axis.uncertainty.friction for axis in axes)
+    return 1.0 - min(max(SPREADS * spread, MISSING[0]), MISSING[1])
+
+
+def _less_friction(part: float, ratio: float, little: float) -> float:
     """Return the part to lead where errors are larger by a ratio on a machine with little friction.
 
     Of what is led too much there, they are a multiple.
     """
-    less = LITTLE_FRICTION + 0.97 * (part - LITTLE_FRICTION) / ratio
-    return less if less > LEAST_FRICTION else 0.0
+    less = little + 0.97 * (part - little) / ratio
+    return less if less > little + LEAST_FRICTION else 0.0
 
 
 def in_time(plan: Plan, result: StrategyResult, planner: Planner) -> tuple[Plan, StrategyResult]:
@@ -213,9 +234,12 @@ class Checker:
         self.nominal = Nominal(self.track)
         self.before = command_of(before, self.track, self.period)
         self.scenarios = scenarios(planner.machine, self.before.axes)
-        if planner.lead and friction_of_machine(planner.machine, self.before.axes):
+        rubbing = friction_of_machine(planner.machine, self.before.axes) if planner.lead else ()
+        # Where no friction is led no scenario has so little: NaN is equal to none.
+        self.little = little_friction(planner.machine.axes[name] for name in rubbing) if rubbing else math.nan
+        if rubbing:
             rules = {one.pickup: one for one in reversed(self.scenarios) if is_nominal(one)}
-            self.scenarios += tuple(replace(one, friction=LITTLE_FRICTION) for one in rules.values())
+            self.scenarios += tuple(replace(one, friction=self.little) for one in rules.values())
         self.too_much_friction = 0.0
         self.sizes = self.measure(self.before, self.scenarios)
         self.plain: dict[object, Sizes] = {}
@@ -270,7 +294,7 @@ class Checker:
                 broader |= self._around(command, scenario, 0.0 if broader_error else plain.most, removable)
             else:
                 continue
-            if scenario.friction == LITTLE_FRICTION:
+            if scenario.friction == self.little:
                 ratios = (own / (other + SAME) for own, other in zip(found[:3], plain[:3], strict=True))
                 self.too_much_friction = max(self.too_much_friction, *ratios)
         if not instants and not worse:

@@ -22,7 +22,6 @@ from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.prove import (
     GIVEN_UP,
-    LITTLE_FRICTION,
     OUT_OF_TIME,
     Checker,
     in_time,
@@ -175,7 +174,7 @@ class _Race:
         self.checker = checker = Checker(self.planner, before)
         self.known[_looks(checker.before)] = dict(zip(checker.scenarios, checker.sizes, strict=True))
         few = few_scenarios(checker.scenarios)
-        usual = (one for one in checker.scenarios if one.friction != LITTLE_FRICTION)
+        usual = (one for one in checker.scenarios if one.friction != checker.little)
         many = tuple(one for one in usual if one.beta == one.gain == 1.0)
         runners = [self._measured(one, few) for one in runners]
         long = checker.before.position.size > LONG

@@ -28,6 +28,7 @@ from ph_post.compensate.motion import cycle_time, without_strategy
 from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
+from ph_post.compensate.prove import little_friction
 from ph_post.compensate.violations import check_command
 from ph_post.drive.machinefile import read_machine
 from ph_post.files.path import read_path
@@ -266,6 +267,27 @@ def test_less_is_led_where_half_of_the_friction_would_do_harm():
     for part in (1.0, 0.5):
         before, after = (run_table(one, machine, track, friction=part) for one in (plain, command))
         assert all(own <= 1.005 * other for own, other in zip(after, before, strict=True))
+
+
+@pytest.mark.slow
+def test_all_of_a_friction_that_was_measured_is_led():
+    """It was known within half a percent, and 92 % of it were led, as if half of it could be missing."""
+    machine = read_machine("old_mill")
+    surer = replace(machine.axes["X"].uncertainty, friction=0.005)
+    machine = replace(machine, axes={name: replace(one, uncertainty=surer) for name, one in machine.axes.items()})
+    track, plan, command, plain = planned(read_path(or_shipped("paths", "pocket")), machine, effort=0.2)
+    assert plan.friction_part == 1.0
+    for part, times in ((1.0, 10.0), (0.995, 10.0), (0.75, 2.0), (1.25, 2.0)):
+        before, after = (run_table(one, machine, track, friction=part) for one in (plain, command))
+        assert all(own <= other / times for own, other in zip(after, before, strict=True)), (part, before, after)
+
+
+@pytest.mark.parametrize(("uncertainty", "left"), [(0.005, 0.75), (0.1, 0.75), (0.16, 0.6), (0.2, 0.5), (0.4, 0.5)])
+def test_how_much_friction_may_be_missing_follows_from_how_well_it_is_known(uncertainty, left):
+    axes = read_machine("old_mill").axes
+    known = replace(axes["X"], uncertainty=replace(axes["X"].uncertainty, friction=uncertainty))
+    assert little_friction([known]) == pytest.approx(left, abs=1e-12)
+    assert little_friction([known, axes["Y"]]) == 0.5
 
 
 @pytest.mark.slow
