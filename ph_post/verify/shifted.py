@@ -25,9 +25,8 @@ _HEAD = re.compile(r"\S+ compensated (?:axes beside X, Y and Z|(?:axes beside X,
 _OFFSET = re.compile(r"offset ([ABCUVWXY]) ([-+]?\d*\.?\d+) (deg|mm|inch)", re.IGNORECASE)
 _ORIGINAL = re.compile(r"original sha256 ([0-9a-f]{64})", re.IGNORECASE)
 _MACHINE = re.compile(r"machine (.*), sha256 ?([0-9a-f]*)", re.IGNORECASE)
-_OTHERS = re.compile(
-    r"options sha256 [0-9a-f]*|take-up [ABCUVWXY] [.\d]+ (?:deg|mm|inch)|\d+ short moves", re.IGNORECASE
-)
+_OTHERS = re.compile(r"options sha256 [0-9a-f]*|take-up [ABCUVW] [.\d]+ (?:deg|mm|inch)|\d+ short moves", re.IGNORECASE)
+_BESIDE = re.compile(r"take-up ([XY]) ([.\d]+) (mm|inch)", re.IGNORECASE)
 _ADDED = re.compile(r"\+(\d+) -0 (.*)", re.IGNORECASE)
 _UNDO = re.compile(r"undo \d+/\d+ [A-Za-z0-9+/=]+", re.IGNORECASE)
 _MORE = re.compile(rb"(?:\(|; ) {2}(.*?)\)?\s*")
@@ -66,6 +65,7 @@ class _Layer(msgspec.Struct, kw_only=True):
     machine: str
     own: list[int]
     added: dict[int, str]
+    beside: dict[str, float]
 
 
 def verify_shifted(original: PartProgram, shifted: PartProgram, machine: Machine | None = None) -> Verdict:
@@ -110,7 +110,7 @@ def _fact(program: PartProgram, line: int) -> str:
 
 def _read(shifted: PartProgram, findings: Findings) -> _Layer:
     """Tell the lines of the original from those of the header, of marks and of what they add."""
-    layer = _Layer(axes={}, original="", machine="", own=[], added={})
+    layer = _Layer(axes={}, original="", machine="", own=[], added={}, beside={})
     line, counted = 0, 0
     while line < shifted.blocks:
         fact, first = _fact(shifted, line), line
@@ -143,6 +143,8 @@ def _take_fact(layer: _Layer, fact: str) -> bool:
         unit = DEGREE if found[3].lower() == "deg" else float(LENGTHS[found[3].lower()])
         side = (found[2][0] == "+") - (found[2][0] == "-")
         layer.axes[found[1].upper()] = ShiftedAxis(number=abs(Decimal(found[2])), side=side, unit=unit)
+    elif found := _BESIDE.fullmatch(fact):
+        layer.beside[found[1].upper()] = float(found[2]) * float(LENGTHS[found[3].lower()])
     elif found := _ORIGINAL.fullmatch(fact):
         layer.original = found[1]
     elif found := _MACHINE.fullmatch(fact):
@@ -247,7 +249,9 @@ def _check_rest(original: PartProgram, shifted: PartProgram, layer: _Layer, find
         findings.add("state", what, original=old, compensated=layer.own[old])
 
 
-def _follow_holes(original: PartProgram, shifted: PartProgram, layer: _Layer, letter: str, findings: Findings) -> None:
+def _follow_holes(  # noqa: C901, PLR0912
+    original: PartProgram, shifted: PartProgram, layer: _Layer, letter: str, findings: Findings
+) -> None:
     """Demand that an axis is where the original names it at every hole of a run that carries its offset.
 
     Nobody knows on which side of its backlash it is before such a run. No offset lasts into what goes on from there.
@@ -257,6 +261,7 @@ def _follow_holes(original: PartProgram, shifted: PartProgram, layer: _Layer, le
     for run in hole_runs(original):
         first = back[run.first - 1] + 1 if run.first else 0
         place, table, wrong, carries = place_before(original, run.first, letter), None, None, False
+        beside = list[tuple[float, int]]()
         motor = place
         for block in range(first, back[run.last] + 1):
             old = line.get(block)
@@ -273,12 +278,17 @@ def _follow_holes(original: PartProgram, shifted: PartProgram, layer: _Layer, le
                 table = min(max(low, motor - below), motor + above), min(max(high, motor - below), motor + above)
             if old is None:
                 carries = True
+                beside.append((motor, block))
                 continue
             named = {chr(original.words.letter[word]): word for word in original.words_of(old)}
             if letter in named:
                 place = float(original.words.value[named[letter]]) * original.modal_after(old).units
             carries |= not abs(motor - place) <= _SAME and not math.isnan(place)
             band = _BAND * (below + above) + _SAME
+            for one, added in beside:
+                if abs(one - place) > layer.beside.get(letter, 0.0) + below + above + _SAME:
+                    findings.add("offset", f"{letter} goes farther beside a hole than declared", compensated=added)
+            beside.clear()
             if table is not None and any(abs(one - place) > band for one in table):
                 wrong = block if wrong is None else wrong
         if carries and wrong is not None:

@@ -140,6 +140,7 @@ def test_controllers_whose_cycles_are_not_known_keep_theirs(dialect):
         ("X27.965", "X27.915"),
         ("X27.965", "X27.97"),
         ("Z3 R3", "Z2 R3"),
+        ("G81 X3.71 ", "G81 X2.71 "),
         ("Z3 R3", "Z2 R2"),
         ("G0 Z5\nM9", "G0 Z5\nX1\nM9"),
         ("Z-2 F200", "Z-2 F20"),
