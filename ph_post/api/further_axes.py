@@ -95,7 +95,7 @@ class ShiftedJob(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Numbers of reversals, those among cuts."""
         return tuple(
             AxisReversals(axis=one.axis.name, compensated=one.done, all=one.reversals, cut=one.reversals - one.done)
-            for one in (*self.plans, *self.holes.axes)
+            for one in (*self.plans, *(hole for hole in self.holes.axes if hole.reversals))
         )
 
 

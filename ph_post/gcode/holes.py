@@ -84,7 +84,8 @@ def hole_runs(program: PartProgram) -> list[HoleRun]:
     """
     spans: list[list[int]] = []
     cycles = [note for note in program.notes if note.why == codes.CYCLE]
-    if not cycles:
+    if not cycles or program.language.diameters:
+        # A lathe's cycles turn, and its holes are where X rests.
         return []
     lines = _Lines(program)
     for note in cycles:
@@ -93,9 +94,7 @@ def hole_runs(program: PartProgram) -> list[HoleRun]:
         else:
             spans.append([note.first, note.last])
     everywhere = ""
-    if program.language.diameters:
-        everywhere = "the program is one of a lathe"
-    elif program.commands.g_words(*_FRAMES).any():
+    if program.commands.g_words(*_FRAMES).any():
         everywhere = "a frame is turned, scaled or polar somewhere in the program"
     return [_run(lines, first, last, everywhere) for first, last in spans]
 

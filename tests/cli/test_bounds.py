@@ -76,7 +76,7 @@ def test_a_program_too_long_to_be_simulated_is_written_and_its_numbers_are_null(
     assert view["verified"]
     assert "G1" in (tmp_path / "o.ngc").read_text(encoding="utf-8")
     why = (
-        "slow.ngc: the motion is too long to be sampled; expected at most 10,000,000 servo "
+        "the motion is too long to be sampled; expected at most 10,000,000 servo "
         "periods (a higher feed, shorter dwells or a longer controller.servo_period_ms would help); got 3e+07 of "
         "1 ms, 8.33 h, most of it in line 4"
     )
