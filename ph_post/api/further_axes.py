@@ -100,9 +100,14 @@ class ShiftedJob(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def shifted_job(
-    job: PartProgram | SourceBytes, machine: Machine, request: ProgramRequest, *, strict: bool = False
+    job: PartProgram | SourceBytes,
+    machine: Machine,
+    request: ProgramRequest,
+    *,
+    strict: bool = False,
+    holes: bool = False,
 ) -> ShiftedJob:
-    """Compensate the axes beside X, Y and Z of a job that a machine has and the program moves, and its holes.
+    """Compensate the axes beside X, Y and Z of a job that a machine has and the program moves, and its `holes`.
 
     Raises
     ------
@@ -111,7 +116,7 @@ def shifted_job(
     """
     asked = find_traits(request.plan.strategy).compensates and shifts_axes(request.plan)
     program = program_in(job, machine.dialect, strict=strict) if asked else job
-    if not (isinstance(program, PartProgram) and (machine.further or _drills(program, machine.dialect))):
+    if not (isinstance(program, PartProgram) and (machine.further or (holes and _drills(program, machine.dialect)))):
         return ShiftedJob(job=program)
     plain = original_of(program) or program
     kept = SHIFTED.read(plain.data, plain.name)
@@ -127,19 +132,19 @@ def shifted_job(
     if plain is not program and not request.force and kept is None:
         return ShiftedJob(job=program)
     plans, said = plan_further(base, machine, dialect, request.edit)
-    holes = plan_holes(base, machine, dialect, request.edit)
-    said += holes.left
-    found = ShiftedJob(job=base, plans=tuple(plans), holes=holes, warnings=tuple(said), original=base)
+    drilled = plan_holes(base, machine, dialect, request.edit) if holes else HolePlan()
+    said += drilled.left
+    found = ShiftedJob(job=base, plans=tuple(plans), holes=drilled, warnings=tuple(said), original=base)
     if same and not request.force:
         return msgspec.structs.replace(found, job=program, done=True)
-    data = write_further(base, plans, dialect, wanted, holes)
+    data = write_further(base, plans, dialect, wanted, drilled)
     if data == base.data:
         return found
     after = reread(base, data)
     verdict = verify_shifted(base, after, machine)
     if verdict.ok:
         return msgspec.structs.replace(found, job=found.told(after), changed=True)
-    names = ", ".join(plan.axis.name for plan in (*plans, *holes.axes))
+    names = ", ".join(plan.axis.name for plan in (*plans, *drilled.axes))
     why = f"the program does not pass its own check: {verdict.failures[0].sentence()}"
     return ShiftedJob(job=base, warnings=(*said, f"axes {names} not compensated: {why}"))
 

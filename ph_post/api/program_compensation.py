@@ -85,7 +85,8 @@ class ProgramCompensation(Compensation):
     @cached_property
     def shifted(self) -> ShiftedJob:
         """The job with its axes beside X, Y and Z compensated, as far as the machine has such, and its holes."""
-        return shifted_job(self.expansion[0], self.machine, self.request, strict=self.options.strict)
+        how = self.options
+        return shifted_job(self.expansion[0], self.machine, self.request, strict=how.strict, holes=how.expand)
 
     @property
     def expanded(self) -> bool:

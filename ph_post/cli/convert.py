@@ -130,7 +130,7 @@ def command(
       reversals      {compensated, all}, of axes with backlash
       axes           the compensated axes
       further_axes   by axis beside X, Y and Z {unit, before, after, after_worst, reversals}: its error in deg or mm
-      holes          the same of X and Y at the holes of drilling cycles, in mm
+      holes          with --expand: the same of X and Y at the holes of drilling cycles that stay, in mm
       not_compensated
                      what is left and why; null where nothing is
       result_line    the line of the result
