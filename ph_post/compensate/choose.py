@@ -22,7 +22,7 @@ from ph_post.compensate.crossing_times import (
 from ph_post.compensate.families import BARE, DesignFamily, ReversalCase, jogs_last
 from ph_post.compensate.friction import friction_of, friction_of_machine
 from ph_post.compensate.friction_layout import first_step
-from ph_post.compensate.layout import approached_way, first_direction, first_pushes, reversing_axes, wound
+from ph_post.compensate.layout import approached_way, first_direction, first_pushes, reversing_axes
 from ph_post.compensate.offsets import may_shift, whole_jog
 from ph_post.compensate.search import (
     DesignBounds,
@@ -199,8 +199,7 @@ class _Chooser:
             return 0.0
         drives = [self.sized.axes[name] for name in self.task.path.axes]
         times = [
-            shortest_crossing(axis, self.lead, self.period)
-            * sum(wound(axis, self.friction.get(axis.name), led=False).slower)
+            shortest_crossing(axis, self.lead, self.period) * (2.0 + axis.uncertainty.backlash)
             for axis in drives
             if not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0
         ]

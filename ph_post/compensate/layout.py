@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -31,7 +31,6 @@ from ph_post.compensate.crossing_times import (
 )
 from ph_post.compensate.friction import Friction
 from ph_post.compensate.friction_layout import lay_friction
-from ph_post.compensate.inverse import lead_memory
 from ph_post.compensate.motion import MotionLaw
 from ph_post.compensate.offsets import APPROACH_FEED, DWELL, approach_distance, corner_pause, make_jog, whole_jog
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
@@ -158,8 +157,6 @@ def lay_out(job: Job) -> Layout:
     for point in job.turning_points:
         if point.axis not in shifted or (point.index, point.axis) in served or at_an_end(job, point):
             continue
-        if _begins(job, point):
-            continue
         stop, axis, direction = rest_at(job.phases, point.s), job.machine.axes[point.axis], -came_from(point)
         quickest = job.shortest(axis, MOST)
         idle = NO_REST if job.written else rest_before(job.track, point, axis, job.lead)
@@ -262,9 +259,7 @@ def _crossings_at_windows(job: Job, motion: MotionLaw) -> list[Crossing | Jog]:
     """Crossings of the windows, each within its profile or around its turning point."""
     found: list[Crossing | Jog] = []
     for number, request in enumerate(job.requests):
-        members = [job.turning_points[k] for k in job.windows[number].members]
-        begins = {point.axis for point in members if _begins(job, point)}
-        chosen = [one for one in _requested(job, request) if not (is_open(job, one.axis) and one.axis in begins)]
+        chosen = _requested(job, request)
         if not chosen or request.stop:
             continue
         window, middle = job.windows[number], middle_of(motion, number)
@@ -306,9 +301,6 @@ UNDER_WAY: Final = 3.0
 """Shortest crossings that the one lasts by which an axis comes onto its side while the path begins: it takes less than
 a thirtieth of the jerk, and the path may have the rest."""
 
-SETTLED: Final = 5.0
-"""Time constants of what a servo remembers for which an axis waits on the side that it was brought back to."""
-
 NEARLY: Final = 0.99
 """Part of the least dwell that is looked for: what is left of it where a profile was fitted to the limits."""
 
@@ -340,12 +332,6 @@ def at_an_end(job: Job, point: TurningPoint) -> bool:
     return point.s <= SAME_TURN or point.s >= job.length - SAME_TURN
 
 
-def _begins(job: Job, point: TurningPoint) -> bool:
-    """Return whether an axis of a table rests from the beginning to a turning point: it is on the side behind that."""
-    away = job.written or job.moving or at_an_end(job, point)
-    return not (away or has_moved(job.track, job.turning_points, point))
-
-
 def rest_at(phases: Sequence[Phase], s: float) -> int | None:
     """Index of the phase that starts from rest at `s`, None where the motion runs through."""
     for number, phase in enumerate(phases):
@@ -365,15 +351,9 @@ def _at_start(job: Job, shifted: Sequence[str], stops: _Stops) -> tuple[dict[str
     approach: list[Crossing | Jog] = []
     for name in shifted:
         axis, direction = job.machine.axes[name], first_direction(job.track, job.turning_points, name)
-        first = next((one for one in job.turning_points if one.axis == name), None)
-        idle = 0.0
-        if first is not None and _begins(job, first):
-            direction, idle = -came_from(first), _time_at(MotionLaw.from_phases(job.phases), first.s)
         bias[name] = lasting_offset(axis, direction)
         if direction != 0 and not job.moving:
-            bias[name], own = (
-                _by_jog(job, axis, direction, stops) if job.written else _by_crossings(job, axis, direction, idle)
-            )
+            bias[name], own = (_by_jog if job.written else _by_crossings)(job, axis, direction, stops)
             approach += own
     return bias, approach
 
@@ -392,62 +372,27 @@ def first_pushes(
     ]
 
 
-def _by_crossings(job: Job, axis: Axis, direction: int, idle: float) -> tuple[float, list[Crossing | Jog]]:
-    """Offset of the first row [m], and the crossings that bring an axis from its flank to the other.
-
-    It rests for `idle` [s] while the path begins.
-    """
+def _by_crossings(job: Job, axis: Axis, direction: int, _stops: _Stops) -> tuple[float, list[Crossing | Jog]]:
+    """Offset of the first row [m], and the crossings that bring an axis from its flank to the other."""
     flank = KNOWN_SIDES.get(axis.gap.initial_flank, 0)
     if flank == direction:
         return lasting_offset(axis, direction), []
-    whole = job.whole(axis, direction)
+    whole, more = job.whole(axis, direction), 1.0 + axis.uncertainty.backlash
     if flank:
         whole = msgspec.structs.replace(whole, duration=whole.duration * (1.0 if job.winds_up else UNDER_WAY))
         return lasting_offset(axis, flank), [whole]
-    slower = 1.0 if job.winds_up else UNDER_WAY
-    own = wound(axis, job.friction.get(axis.name), led=not job.winds_up)
-    first = msgspec.structs.replace(
-        whole, travel=-direction * own.back, duration=slower * whole.duration * own.slower[0]
-    )
-    # There an integrator, where there is one, has to come up against friction.
-    pause = 0.0 if job.winds_up or not job.friction else SETTLED * lead_memory(axis.servo)
-    second = msgspec.structs.replace(
-        whole,
-        start=first.duration + pause,
-        travel=direction * own.forth,
-        duration=slower * whole.duration * own.slower[1],
-    )
-    if not job.winds_up and second.end + whole.duration > idle:
+    if not job.winds_up:
         # On the right side it comes onto the path, on the other it stays until the path has come up with it.
         travel, duration = lasting_offset(axis, direction), UNDER_WAY * whole.duration
         return 0.0, [msgspec.structs.replace(whole, travel=travel, duration=duration)] if travel else []
-    return 0.5 * sum(side_offsets(axis)), [first, second]
-
-
-class Wound(NamedTuple):
-    """Ways [m] of an axis from the middle back until it surely has touched that side, and forth onto the other.
-
-    `slower` are the times of both, in shortest crossings.
-    """
-
-    back: float
-    forth: float
-    slower: tuple[float, float]
-
-
-def wound(axis: Axis, friction: Friction | None, *, led: bool) -> Wound:
-    """Bring an axis behind the loop onto a side, from either.
-
-    What friction takes keeps the motor behind on its way back, and by as much more where it is `led` forth already;
-    but not where an integrator gives what is constant.
-    """
-    gap, more = axis.gap.lost_motion, 1.0 + axis.uncertainty.backlash
-    cascade = axis.servo.cascade
-    gives = axis.servo.ki_over_kp > 0.0 if cascade is None else cascade.integral_rate > 0.0
-    back = 0.5 * gap * more + (1.0 + led) * (0.0 if friction is None or gives else friction.size)
-    forth = back + 0.5 * gap
-    # A way of r backlashes with the same acceleration takes √r times as long.
-    return Wound(back, forth, (max(1.0, math.sqrt(back / gap)), max(more, math.sqrt(forth / gap))))
+    # From either flank: from the middle back until the other is surely touched, then forth.
+    middle, half = 0.5 * sum(side_offsets(axis)), 0.5 * axis.gap.lost_motion
+    back = half * more
+    first = msgspec.structs.replace(whole, travel=-direction * back)
+    second = msgspec.structs.replace(
+        whole, start=whole.duration, travel=direction * (back + half), duration=whole.duration * more
+    )
+    return middle, [first, second]
 
 
 def _by_jog(job: Job, axis: Axis, direction: int, stops: _Stops) -> tuple[float, list[Crossing | Jog]]:
