@@ -75,7 +75,7 @@ class ShiftedJob(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     @property
     def hole_errors(self) -> tuple[FurtherError, ...]:
         """What comes of X and Y at holes, where they change there."""
-        return tuple(_hole_error(plan) for plan in self.holes.axes) if self.holes.changed else ()
+        return tuple(_error(plan, (-1.0, 1.0)) for plan in self.holes.axes) if self.holes.changed else ()
 
     def told(self, program: PartProgram) -> PartProgram:
         """Return a program that was made here with the notes of what is passed through, but for holes that are not."""
@@ -172,58 +172,39 @@ def shifted_original(compensated: PartProgram) -> tuple[PartProgram, PartProgram
     return None if kept is None else (plain, reread(plain, kept.original))
 
 
-def _error(plan: FurtherAxisPlan) -> FurtherError:
+def _error(plan: FurtherAxisPlan, sides: Sequence[float] = (0.0,)) -> FurtherError:
+    """Return how far an axis is off, beginning on each of some sides of its backlash, 0 for the middle of it."""
+
+    def played(factor: float, *, shifted: bool) -> ContourError:
+        return _played(plan, sides, factor, shifted=shifted)
+
     unsure = plan.axis.uncertainty.backlash
-    places = [stand.place for stand in plan.stands]
-    motors = [stand.motor for stand in plan.stands]
-    after = _played(plan, motors, 1.0)
-    worst = max((_played(plan, motors, 1.0 + sign * unsure) for sign in (-1, 1)), key=lambda one: one.max)
     return FurtherError(
         axis=plan.axis.name,
-        before=_played(plan, places, 1.0),
-        after=after,
-        after_worst=worst,
+        before=played(1.0, shifted=False),
+        after=played(1.0, shifted=True),
+        after_worst=max((played(1.0 + sign * unsure, shifted=True) for sign in (-1, 1)), key=lambda one: one.max),
         reversals=plan.reversals,
         done=plan.done,
     )
 
 
-def _hole_error(plan: FurtherAxisPlan) -> FurtherError:
-    """Return how far an axis is off at holes; where nobody knows on which side it begins, on the worse one."""
-    unsure, half = plan.axis.uncertainty.backlash, 0.5 * plan.axis.gap.lost_motion
+def _played(plan: FurtherAxisPlan, sides: Sequence[float], factor: float, *, shifted: bool) -> ContourError:
+    """Let a table with backlash follow its motor, and compare where it stands while the tool works.
 
-    def size(factor: float, *, shifted: bool) -> ContourError:
-        reach, errors = factor * half, []
-        for side in (-1.0, 1.0):
-            table = np.nan
-            for stand in plan.stands:
-                motor = stand.motor if shifted else stand.place
-                if np.isnan(stand.motor):
-                    table = np.nan
-                elif not np.isnan(motor):
-                    begin = motor + side * reach if np.isnan(table) else table
-                    table = min(max(begin, motor - reach), motor + reach)
-                if stand.counts:
-                    errors.append(abs(table + plan.axis.reference_side * reach - stand.place))
-        found = np.array(errors or [0.0])
-        return ContourError(max=float(found.max()), rms=float(np.sqrt(np.mean(found**2))))
-
-    return FurtherError(
-        axis=plan.axis.name,
-        before=size(1.0, shifted=False),
-        after=size(1.0, shifted=True),
-        after_worst=max((size(1.0 + sign * unsure, shifted=True) for sign in (-1, 1)), key=lambda one: one.max),
-        reversals=plan.reversals,
-        done=plan.done,
-    )
-
-
-def _played(plan: FurtherAxisPlan, motors: Sequence[float], factor: float) -> ContourError:
-    """Let a table with backlash follow its motor, and compare where it stands while the tool works."""
-    half, errors, table = 0.5 * factor * plan.axis.gap.lost_motion, [], np.nan
-    for stand, motor in zip(plan.stands, motors, strict=True):
-        table = motor if np.isnan(table) else min(max(table, motor - half), motor + half)
-        if stand.counts:
-            errors.append(table + plan.axis.reference_side * half - stand.place)
+    Behind a place of the motor that is not known it begins anew.
+    """
+    half, errors = 0.5 * factor * plan.axis.gap.lost_motion, []
+    for side in sides:
+        table = np.nan
+        for stand in plan.stands:
+            motor = stand.motor if shifted else stand.place
+            if np.isnan(stand.motor):
+                table = np.nan
+            elif not np.isnan(motor):
+                begin = motor + side * half if np.isnan(table) else table
+                table = min(max(begin, motor - half), motor + half)
+            if stand.counts:
+                errors.append(table + plan.axis.reference_side * half - stand.place)
     size = np.abs(np.array(errors or [0.0]))
     return ContourError(max=float(size.max()), rms=float(np.sqrt(np.mean(size**2))))
