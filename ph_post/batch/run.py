@@ -218,6 +218,12 @@ class _Run:
         except PhPostError as error:
             return error
 
+    def _size(self, task: BatchTask) -> int:
+        try:
+            return (self._plan.folder / task.file).stat().st_size
+        except OSError:  # gone since: its own row says so
+            return 0
+
     def _decide(self, task: BatchTask, source: SourceBytes | PhPostError) -> BatchRow | None:
         """Return the row of what is done already, or cannot be done; None where there is work."""
         if isinstance(source, PhPostError):
@@ -276,6 +282,7 @@ class _Run:
         if not self._left:
             self._open_report()
             return
+        self._left.sort(key=self._size, reverse=True)  # the longest first, or one worker ends long after the others
         with self._ready() as workers:
             self._open_report()
             clock = _Clock(len(self._left), self._progress)
