@@ -402,11 +402,14 @@ class ReversalSearch:
     def _floating(self) -> BoolArray:
         """Mask (c, 3) of what is shifted by itself and the axes that nothing but increments moves in its chain.
 
-        An axis that moves from a place that is known does not float: that place can be written under G90 too.
+        An axis that moves from a place to which a line under G90 has brought it does not float: that place can be
+        written under G90 too.
         """
         motions, chains = self.program.motions, chain_spans(self.program.motions)[0]
         moves = (motions.start != motions.end) & ~np.isnan(motions.end)
-        placed = np.logical_or.reduceat(moves & (self._absolute[:, None] | np.isfinite(motions.start)), chains)
+        told = moves & self._absolute[:, None]
+        known = np.isfinite(motions.start) & np.logical_or.accumulate(told)
+        placed = np.logical_or.reduceat(told | (moves & known), chains)
         found = np.logical_or.reduceat(moves, chains) & ~placed
         return np.asarray(found[np.searchsorted(chains, self._whole, side="right") - 1])
 

@@ -418,6 +418,15 @@ def test_an_axis_that_comes_to_its_first_place_shares_its_stop_with_one_that_tur
     assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=machine(dialect)).failures == ()
 
 
+def test_an_axis_that_increments_alone_lift_at_the_end_is_left_where_it_is() -> None:
+    """A drawing that begins in its first bead, with no mode named: where Z is nobody knows, nor could a line say it."""
+    text = "G1 X90 Y160 F1200\nG1 X80 Y150 E0.3\nG1 X90 Y160 E0.6\nG1 X80 Y150 E0.9\nG91\nG1 X10 Y10 Z5 E-5\nG90\n"
+    found = compensate(text.encode(), machine("marlin", (0.05, 0.05, 0.05)), dialect="marlin")
+    assert [line for line in found.text.decode().splitlines() if "Z" in line and line[0] == "G"] == ["G1 X10 Y10 Z5 E-5"]
+    assert all(part.axis != "Z" for part in found.edits.crossings) and found.edits.amplitude.keys() == {"X", "Y"}
+    assert undo(found.text, "part.gcode") == text.encode()
+
+
 BEGINS_LOWER = ["G2 X-5 Y0 I-5 J0 Z-1 F500\nG2 X5 Y0 I5 J0 Z-2\n", "G93\nG1 X-5 Y2 Z-1 F60\nX5 Y0 Z-2 F60\nG94\n"]
 
 
