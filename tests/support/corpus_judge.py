@@ -50,6 +50,9 @@ RAPID = 0.5
 TAKEN_UP = 3.0 * GAP
 """Distance [mm] from a rapid's way within which an axis may come to its side of the backlash, away from all cuts."""
 
+NO_WAY = 1e-9
+"""Way [mm] that is none: places in inches are rounded."""
+
 SAME_HEIGHT = 1e-6
 """Difference of heights that is none [mm]."""
 
@@ -330,7 +333,9 @@ def in_the_work(made: Places, original: Places) -> Places:
         return motor, kept
     # Before the first move it stands where nobody knows, and up to the first sideways it only comes to its height.
     sideways = (motor[1:, :2] != motor[:-1, :2]).any(axis=1)
-    heights = motor[1 + int(sideways.argmax()) :, 2]
+    first = 1 + int(sideways.argmax())
+    kept[1:first] &= motor[1:first, 2] <= motor[: first - 1, 2]
+    heights = motor[first:, 2]
     top, bottom = heights.max(), heights.min()
     flat = bool(top - bottom <= 4.0 * GAP)
     if not flat:
@@ -353,7 +358,7 @@ def table_of(motor: np.ndarray, side: float, axes: str) -> np.ndarray:
     """Places of the table, of which some axes have backlash; Z has its zero from where it moves down."""
     columns = list(motor.T.copy())
     for axis, name in enumerate("XYZ"):
-        if name in axes and np.ptp(motor[:, axis]):
+        if name in axes and np.ptp(motor[:, axis]) > NO_WAY:
             columns[axis] = play(motor[:, axis], GAP, side) - (0.5 * GAP if name == "Z" else 0.0)
     return np.column_stack(columns)
 
