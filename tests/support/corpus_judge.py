@@ -74,8 +74,12 @@ THOUSAND = 1000.0
 _END = re.compile(r"^[N\d\s]*M0?(?:2|30)\b", re.MULTILINE)
 """Where a program ends: what is behind it is not run, or called."""
 
-_SWITCHES = re.compile(r"^[^(;\n]*\bM4(?:28|29|30)\b", re.MULTILINE | re.IGNORECASE)
-"""Words with which LinuxCNC's machines of five axes switch their kinematics: X, Y and Z are then no axes of theirs."""
+_SWITCHES = {
+    "siemens": re.compile(r"^[^;\n]*\b(?:TRAORI|TRANSMIT|TRACYL|TRAANG)\b", re.MULTILINE | re.IGNORECASE),
+    "heidenhain": re.compile(r"^[^;\n]*\b(?:M128|FUNCTION TCPM)\b", re.MULTILINE | re.IGNORECASE),
+    "others": re.compile(r"^[^(;\n]*\bM4(?:28|29|30)\b", re.MULTILINE | re.IGNORECASE),
+}
+"""Words with which machines of five axes switch their kinematics, by dialect: X, Y and Z are then no axes of theirs."""
 
 _UNDOTTED = re.compile(r"([XYZIJKR])([-+]?\d+)(?![\d.])")
 
@@ -170,7 +174,8 @@ def played_places(dialect: str, data: bytes, *, turned: bool | None = None) -> t
     It is `turned` where that is known of the original, in which no feeds were added.
     """
     text = data.decode("utf-8-sig", "replace")
-    if dialect in ("fanuc", "siemens") and (nobody_knows_where(text) or _SETTING_DECIDES[dialect](text.upper())):
+    sets = dialect in _SETTING_DECIDES and (nobody_knows_where(text) or _SETTING_DECIDES[dialect](text.upper()))
+    if sets or _SWITCHES.get(dialect, _SWITCHES["others"]).search(text):
         return None
     own = {"siemens": SiemensRun, "heidenhain": TncRun, "heidenhain-iso": iso_run}
     try:
@@ -180,8 +185,6 @@ def played_places(dialect: str, data: bytes, *, turned: bool | None = None) -> t
             return run.path[kept], run.cutting[kept]
         # Printers home, and may be pushed by hand where they let go of their motors; others stand where nobody knows.
         begins = [((0.0, 0.0, 0.0) if dialect in PRINTERS else one, one) for one in BEGINS]
-        if _SWITCHES.search(text):
-            return None
         told: list[list[Move] | None] = [None]
         if dialect == "linuxcnc":
             told = [canon_moves(text, begin, TOOLS.read_text()) for begin, _ in begins]
