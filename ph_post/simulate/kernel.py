@@ -67,6 +67,15 @@ Column = IntEnum(
 
 COLUMNS: Final = len(Column)
 
+STRETCH: Final = 64
+"""Samples at most whose guards are looked at together."""
+
+SHORT: Final = 8
+"""Samples of the first stretch of a mode: what is run behind the end of a mode is run in vain."""
+
+END_OF_COMMAND, END_OF_FORCE, END_OF_FED = COLUMNS, COLUMNS + 1, COLUMNS + 2
+"""Rows of a stretch behind those of the columns: the inputs at the ends of its samples."""
+
 TABLE, PLAY, SPRING = 0, 1, 2
 """The body that holds motor and table a gap apart while they touch: the table, the motor, or either."""
 
@@ -342,9 +351,10 @@ def _halvings(y: Array, trial: Array, modes: ModeTables, direction: int, length:
         off = abs(stribeck(last, direction, static, modes.scale) - foretold)
         ratio = min(abs(speed), abs(last)) / modes.scale if speed * last > 0.0 else 0.0
         square, change = ratio * ratio, (last - speed) / modes.scale
-        # Half the second derivative of exp(-r²), which falls from r² = 3/2 on.
-        bend = (2.0 * square - 1.0) * math.exp(-square) if square > 1.5 else 1.0
-        off = max(off, 0.25 * static * change * change * bend)
+        most = 0.25 * static * change * change
+        if most > STRAIGHT:
+            # Half the second derivative of exp(-r²), which falls from r² = 3/2 on.
+            off = max(off, most * ((2.0 * square - 1.0) * math.exp(-square) if square > 1.5 else 1.0))
         while off > STRAIGHT and level < modes.level:
             level, off = level + 1, 0.25 * off
     turn = 0.0
@@ -583,6 +593,181 @@ def _cruise(
     return k, 0
 
 
+@lean
+def _set_inputs(command: Array, force: Array, fed: Array, k: int, size: int, period: float, path: Array) -> None:
+    """Set the inputs of a stretch of so many samples that begins at sample k."""
+    for s in range(size):
+        rate = (command[k + s + 1] - command[k + s]) / period
+        path[Column.COMMAND, s], path[Column.COMMAND_RATE, s], path[Column.ONE, s] = command[k + s], rate, 1.0
+        path[END_OF_COMMAND, s] = command[k + s] + period * rate
+    if force.size > 0:
+        for s in range(size):
+            rate = (force[k + s + 1] - force[k + s]) / period
+            path[Column.G, s], path[Column.G_RATE, s] = force[k + s], rate
+            path[END_OF_FORCE, s] = force[k + s] + period * rate
+    if fed.size > 0:
+        for s in range(size):
+            rate = (fed[k + s + 1] - fed[k + s]) / period
+            path[Column.FED, s], path[Column.FED_RATE, s] = fed[k + s], rate
+            path[END_OF_FED, s] = fed[k + s] + period * rate
+
+
+@lean
+def _run_simple(step: Array, path: Array, size: int) -> None:
+    """Advance the state through a stretch as :func:`_step` does, where few columns are not 0."""
+    for s in range(size):
+        for i in range(SIMPLE):
+            total = path[i, s]
+            for j in range(SIMPLE):
+                total += step[i, j] * path[j, s]
+            for j in range(STATES, PLAIN):
+                total += step[i, j] * path[j, s]
+            path[i, s + 1] = total
+
+
+@lean
+def _run_pushed(step: Array, path: Array, size: int) -> None:
+    """Do the same under a force from outside."""
+    for s in range(size):
+        for i in range(SIMPLE):
+            total = path[i, s]
+            for j in range(SIMPLE):
+                total += step[i, j] * path[j, s]
+            for j in range(STATES, PLAIN + 2):
+                total += step[i, j] * path[j, s]
+            path[i, s + 1] = total
+
+
+@lean
+def _run_current(step: Array, path: Array, size: int) -> None:
+    """Do the same with a current loop alone."""
+    for s in range(size):
+        for i in range(STATES):
+            total = path[i, s]
+            for j in range(PLAIN):
+                total += step[i, j] * path[j, s]
+            path[i, s + 1] = total
+
+
+@lean
+def _run_all(step: Array, path: Array, size: int) -> None:
+    """Do the same where everything comes in."""
+    for s in range(size):
+        for i in range(STATES):
+            total = path[i, s]
+            for j in range(PLAIN + 2):
+                total += step[i, j] * path[j, s]
+            for j in range(Column.FED, Column.F):
+                total += step[i, j] * path[j, s]
+            path[i, s + 1] = total
+
+
+@lean
+def _run_through(step: Array, path: Array, size: int, filled: int, further: bool) -> None:
+    """Advance the state through a stretch; `further` if more than the command comes in."""
+    if filled == ALL and further:
+        _run_all(step, path, size)
+    elif filled == ALL:
+        _run_current(step, path, size)
+    elif further:
+        _run_pushed(step, path, size)
+    else:
+        _run_simple(step, path, size)
+
+
+@lean
+def _along(
+    rows: Array, places: IntArray, mode: int, number: int, path: Array, size: int, later: int, into: Array
+) -> None:
+    """Put the value of a row, as :func:`_value` has it, at the beginnings of samples; at their ends if `later` is 1."""
+    for s in range(size):
+        into[s] = 0.0
+    for j in places[mode, number]:
+        if j < 0:
+            break
+        factor, row = rows[mode, number, j], j
+        if later == 1 and j == Column.COMMAND:
+            row = END_OF_COMMAND
+        elif later == 1 and j == Column.G:
+            row = END_OF_FORCE
+        elif later == 1 and j == Column.FED:
+            row = END_OF_FED
+        shift = later if j < STATES else 0
+        for s in range(size):
+            into[s] += factor * path[row, s + shift]
+
+
+@lean
+def _first_dip(modes: ModeTables, mode: int, path: Array, size: int, length: float, four: Array) -> int:
+    """Return the first sample of a stretch in which a guard may dip, see :func:`_may_dip`, or how many there are."""
+    for number in range(modes.counts[mode]):
+        noise = modes.noise[mode, number]
+        for later in range(2):
+            _along(modes.guards, modes.guarded, mode, number, path, size, later, four[later])
+            _along(modes.slopes, modes.sloped, mode, number, path, size, later, four[2 + later])
+        for s in range(size):
+            falls, rises = length * four[2, s], length * four[3, s]
+            room = min(four[0, s], four[1, s]) + noise
+            four[4, s] = room - BEND * (max(-falls, 0.0) + max(rises, 0.0))
+        for s in range(size):
+            if four[4, s] >= 0.0:
+                continue
+            if _least(four[0, s], four[1, s], length * four[2, s], length * four[3, s]) < -noise:
+                size = s
+                break
+    return size
+
+
+@lean
+def _glide(
+    y: Array,
+    mode: int,
+    modes: ModeTables,
+    command: Array,
+    period: float,
+    force: Array,
+    fed: Array,
+    k: int,
+    table: Array,
+    motor: Array,
+    states: Array,
+    path: Array,
+    four: Array,
+) -> tuple[int, int]:
+    """Do what :func:`_cruise` does where no force of the state acts and the gap is the same everywhere.
+
+    All samples are whole steps then: stretches of them are run, each twice as long as the one before, and their guards
+    are looked at together.
+    """
+    step, most, left = modes.tables[mode, 0], SHORT, 0
+    further = force.size > 0 or fed.size > 0
+    while k < command.size - 1 and left == 0:
+        size = min(most, command.size - 1 - k)
+        for i in range(STATES):
+            path[i, 0] = y[i]
+        _set_inputs(command, force, fed, k, size, period, path)
+        _run_through(step, path, size, modes.filled, further)
+        until = _first_dip(modes, mode, path, size, period, four)
+        for s in range(1, until + 1):
+            table[k + s], motor[k + s] = path[Column.TABLE, s], path[Column.MOTOR, s]
+        if states.shape[0] > 0:
+            for s in range(1, until + 1):
+                for i in range(STATES):
+                    states[k + s, i] = path[i, s]
+        for i in range(STATES):
+            y[i] = path[i, until]
+        k += until
+        if until < size:
+            left = 1 << LEVELS
+            _begin(y, command, k, period)
+            if force.size > 0:
+                _push(y, force, k, period)
+            if fed.size > 0:
+                _feed(y, fed, k, period)
+        most = min(2 * most, STRETCH)
+    return k, left
+
+
 @compiled
 def advance(
     command: Array,
@@ -634,8 +819,15 @@ def advance(
         y[Column.HALF_GAP] = half_gap(y[Column.TABLE], modes.gap)
     whole = 1 << LEVELS
     _write(y, 0, table, motor, states)
-    k, left = _cruise(y, trial, mode, modes, command, period, force, fed, 0, table, motor, states)
-    while left > 0:
+    path, four = np.zeros((COLUMNS + 3, STRETCH + 1)), np.empty((5, STRETCH))
+    glides, k = modes.gap.size == 0 and not _is_forced(modes), 0
+    while True:
+        if glides:
+            k, left = _glide(y, mode, modes, command, period, force, fed, k, table, motor, states, path, four)
+        else:
+            k, left = _cruise(y, trial, mode, modes, command, period, force, fed, k, table, motor, states)
+        if left == 0:
+            break
         changes = 0
         while left > 0:
             heed = changes < MOST_CHANGES
@@ -651,8 +843,8 @@ def advance(
                 mode = after
         if modes.gap.size > 0:
             _follow(modes, mode, y)
-        _write(y, k + 1, table, motor, states)
-        k, left = _cruise(y, trial, mode, modes, command, period, force, fed, k + 1, table, motor, states)
+        k += 1
+        _write(y, k, table, motor, states)
     for i in range(STATES):
         z[i] = y[i]
     return mode, instants[:count], log[:count]
