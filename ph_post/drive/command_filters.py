@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ph_post.compiling import compiled, read_only
 from ph_post.types import Array, Cascade, frozen
 
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
@@ -23,6 +24,12 @@ ComplexArray = NDArray[np.complexfloating[Any, Any]]
 def feeds_acceleration(cascade: Cascade) -> bool:
     """Return whether the acceleration of the command is fed forward."""
     return cascade.acceleration_feedforward != 0.0 or cascade.acceleration_lead != 0.0
+
+
+def filters_of(cascade: Cascade) -> tuple[float | bool, ...]:
+    """Return all that :func:`arriving` goes by: cascades that are alike in it get a command alike."""
+    lags = (cascade.dead_time, cascade.moving_average, cascade.exponential)
+    return (*lags, cascade.shaper_frequency, cascade.shaper_damping, feeds_acceleration(cascade))
 
 
 class Arriving(NamedTuple):
@@ -78,17 +85,31 @@ def rates_of(place: Array, period: float) -> Array:
     >>> rates_of(np.array([0.0, 1.0, 2.0, 3.0, 3.0, 3.0, 3.0]), 1.0)
     array([1., 1., 1., 0., 0., 0., 0.])
     """
-    steps = np.diff(place) / period
-    if steps.size < 4:
+    if place.size < 5:
         return np.asarray(np.gradient(place, period))
-    bend = np.diff(steps)
-    found = np.gradient(place, period)
-    before, behind = steps[1:-2] + 0.5 * bend[:-2], steps[2:-1] - 0.5 * bend[2:]
-    kinked = np.abs(before - behind) > 0.5 * np.abs(bend[1:-1])
-    smooth = ~(kinked | np.append(kinked[1:], False) | np.append(False, kinked[:-1]))
-    found[2:-2] -= np.where(smooth, (bend[2:] - bend[:-2]) / 12.0, 0.0)
-    found[2:-2] = np.where(kinked, np.where(np.abs(bend[:-2]) < np.abs(bend[2:]), before, behind), found[2:-2])
-    return np.asarray(found)
+    return _rates(read_only(place), period)
+
+
+@compiled
+def _rates(place: Array, period: float) -> Array:
+    last = place.size - 1
+    found, kinked = np.empty(place.size), np.zeros(place.size, dtype=np.bool_)
+    steps, bends = np.empty(last), np.empty(place.size)  # of a bend the number is that of its place
+    for k in range(last):
+        steps[k] = (place[k + 1] - place[k]) / period
+    found[0], found[last] = steps[0], steps[last - 1]
+    for k in range(1, last):
+        bends[k] = steps[k] - steps[k - 1]
+        found[k] = (place[k + 1] - place[k - 1]) / (2.0 * period)
+    for k in range(2, last - 1):
+        before, behind = steps[k - 1] + 0.5 * bends[k - 1], steps[k] - 0.5 * bends[k + 1]
+        kinked[k] = abs(before - behind) > 0.5 * abs(bends[k])
+        if kinked[k]:
+            found[k] = before if abs(bends[k - 1]) < abs(bends[k + 1]) else behind
+    for k in range(2, last - 1):
+        if not (kinked[k - 1] or kinked[k] or kinked[k + 1]):
+            found[k] -= (bends[k + 1] - bends[k - 1]) / 12.0
+    return found
 
 
 def _late(off: Array, samples: float) -> Array:

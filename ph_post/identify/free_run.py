@@ -6,18 +6,22 @@ prediction would hide adds up here to the error seen on the part.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Final, NamedTuple
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Final, NamedTuple
+from weakref import WeakKeyDictionary
 
 import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.compiling import compiled, read_only
+from ph_post.drive.command_filters import Arriving, filters_of
 from ph_post.drive.effects.active import plant_of
-from ph_post.drive.plant import Plant, read_table
+from ph_post.drive.plant import TRUE_READING, Plant, read_table
 from ph_post.identify.between import delayed, parts_between, refined
-from ph_post.simulate.machine import NOMINAL_SCENARIO, AxisCommand, cutting_force, first_flank, run_plant
-from ph_post.types import Array, Axis, AxisLog, BoolArray, Log
+from ph_post.simulate.machine import NOMINAL_SCENARIO, AxisCommand, arrive, cutting_force, first_flank, run_plant
+from ph_post.types import Array, Axis, AxisLog, BoolArray, Log, sealed
 from ph_post.types.diagnosis import Channel, LogQuality, recorded_channels
 
 BLOCKS: Final = (32, 128, 512)
@@ -28,6 +32,15 @@ SLIGHT: Final = 0.05
 
 BOTH: Final = 0.15
 """Part of what is to be explained that the fitted blocks, and those held out, have to hold each."""
+
+MOST_KEPT, LEAST_KEPT = 16, 2
+"""Runs of a problem that are kept at most, and at least."""
+
+SPACE: Final = 16_000_000
+"""What they may take [bytes]."""
+
+ALIKE: Final = 1e-12
+"""Part of the square of a column that another leaves, up to which both are one."""
 
 LOST: Final = 10.0
 """Positions [m] and speeds beyond which a plant that is tried has run away."""
@@ -50,7 +63,7 @@ class ObservedChannel(NamedTuple):
     step: float = 0.0
 
 
-class AxisProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class AxisProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False, weakref=True):
     """One axis of a log, and the axis of the machine file that it should be.
 
     `others` are the positions of all other axes [m], `velocity` (n, axes) the commanded ones of all [m/s],
@@ -225,19 +238,79 @@ def efforts(problem: AxisProblem, plant: Plant) -> Array:
     return _run(problem, plant, asked=True)[2][:: problem.parts]
 
 
-def _run(problem: AxisProblem, plant: Plant, *, asked: bool) -> tuple[Array, Array, Array]:
-    """Return table, motor and, if asked for, what the loops give [m] at every step, before any delay of a reading."""
+Motion = tuple[Array, Array, Array]
+"""Table and motor [m], and what the loops give [m] where that was asked for, else (0,)."""
+
+
+class _Kept:
+    """Runs of a problem that were made last: what only changes a reading moves the axis as before."""
+
+    def __init__(self, problem: AxisProblem) -> None:
+        steps = problem.t.size * problem.parts
+        self._many = max(min(MOST_KEPT, SPACE // (24 * steps)), LEAST_KEPT)
+        self._runs: dict[tuple[Plant, bool], Motion] = {}
+        self._sent: dict[tuple[object, ...], tuple[AxisCommand, Arriving]] = {}
+
+    def run(self, key: tuple[Plant, bool], make: Callable[[], Motion]) -> Motion:
+        """Return a run that was made already, or make it."""
+        found = self._runs.pop(key, None)
+        if found is None:
+            found = make()
+        self._runs[key] = found
+        _forget(self._runs, self._many)
+        return found
+
+    def sent(
+        self, key: tuple[object, ...], make: Callable[[], tuple[AxisCommand, Arriving]]
+    ) -> tuple[AxisCommand, Arriving]:
+        """Return a command, and how it reaches the loop, that was made already, or make it."""
+        found = self._sent.pop(key, None)
+        if found is None:
+            found = make()
+        self._sent[key] = found
+        _forget(self._sent, LEAST_KEPT)
+        return found
+
+
+_KEPT: Final[WeakKeyDictionary[AxisProblem, _Kept]] = WeakKeyDictionary()
+
+
+def _forget(kept: dict[Any, Any], many: int) -> None:
+    """Let go of what was not asked for longest."""
+    while len(kept) > many:
+        del kept[next(iter(kept))]
+
+
+def _run(problem: AxisProblem, plant: Plant, *, asked: bool) -> Motion:
+    """Run table, motor and, if asked for, what the loops give at every step, before any delay of a reading."""
+    kept = _KEPT.get(problem)
+    if kept is None:
+        kept = _KEPT[problem] = _Kept(problem)
+    plant = replace(plant, reading=TRUE_READING, reading_delay=0.0)
+    return kept.run((plant, asked), lambda: _moved(problem, plant, kept, asked=asked))
+
+
+def _moved(problem: AxisProblem, plant: Plant, kept: _Kept, *, asked: bool) -> Motion:
     period = problem.period / problem.parts
-    command = delayed(problem.command if problem.fine is None else problem.fine, plant.command_delay / period)
-    plant = replace(plant, command_delay=0.0, reading_delay=0.0)
-    start = float(np.median(problem.speed[:3]))
-    trace = AxisCommand(command, float(command[0]), start if abs(start) * period > 1e-9 else 0.0)
+    filters = () if plant.cascade is None else filters_of(plant.cascade)
+    trace, arrived = kept.sent((plant.command_delay, *filters), lambda: _sent(problem, plant))
     if plant.cutting:
         resists = cutting_force(plant, _between_rows(problem.velocity, problem.parts), problem.number)
         trace = trace._replace(force=resists)
-    given = np.empty(command.size if asked else 0)
-    table, motor, _ = run_plant(trace, plant, first_flank(problem.axis, NOMINAL_SCENARIO), period, given)
-    return table, motor, given
+    given = np.empty(trace.position.size if asked else 0)
+    plant = replace(plant, command_delay=0.0)
+    flank = first_flank(problem.axis, NOMINAL_SCENARIO)
+    table, motor, _ = run_plant(trace, plant, flank, period, given, arrived)
+    return sealed(table), sealed(motor), sealed(given)
+
+
+def _sent(problem: AxisProblem, plant: Plant) -> tuple[AxisCommand, Arriving]:
+    """Return the command that a plant is sent, and how it reaches the loop."""
+    period = problem.period / problem.parts
+    command = delayed(problem.command if problem.fine is None else problem.fine, plant.command_delay / period)
+    start = float(np.median(problem.speed[:3]))
+    trace = AxisCommand(command, float(command[0]), start if abs(start) * period > 1e-9 else 0.0)
+    return trace, arrive(trace, replace(plant, command_delay=0.0), period)
 
 
 def _between_rows(values: Array, parts: int) -> Array:
@@ -270,23 +343,76 @@ def residuals(problem: AxisProblem, plant: Plant, origin_free: bool = True) -> d
 
     The origin of a position, where that is free, and the gains of the effort are those that fit best.
     """
-    # A model that is tried may run away: what it predicts is then infinite, or nothing.
-    with np.errstate(over="ignore", invalid="ignore"):
-        predicted = {channel: np.clip(values, -LOST, LOST) for channel, values in predict(problem, plant).items()}
-    for values in predicted.values():
-        values[np.isnan(values)] = LOST
     found: dict[Channel, Array] = {}
-    for one in problem.observed:
-        use = problem.fit & one.ok
-        if one.channel == "force":
-            columns = predicted["force"]
-            gains = np.linalg.lstsq(columns[use], one.values[use], rcond=None)[0]
-            left = one.values - columns @ gains
-        else:
-            left = one.values - predicted[one.channel]
-            if origin_free:
-                left = left - np.mean(left[use])
-        found[one.channel] = np.where(one.ok, left, 0.0)
+    for channel, predicted in predict(problem, plant).items():
+        one = problem.channel(channel)
+        values, ok, use = read_only(one.values), read_only(one.ok), read_only(problem.fit & one.ok)
+        columns = [read_only(_bounded(read_only(column))) for column in np.atleast_2d(predicted.T)]
+        modelled, free = columns[0], origin_free and channel != "force"
+        if channel == "force":
+            modelled = read_only(_best_effort(columns, values, use))
+        found[channel] = _left(values, ok, use, modelled, free)
+    return found
+
+
+def _best_effort(columns: Sequence[Array], values: Array, use: BoolArray) -> Array:
+    """Return the combination of one or two columns (n,) that is nearest to the values in use."""
+    one, other = columns[0], columns[-1] if columns[1:] else read_only(np.zeros_like(values))
+    gain, more, apart = _gains(one, other, values, use)
+    if apart > ALIKE:
+        return np.asarray(gain * one + more * other)
+    both = np.stack(columns, axis=1)
+    return np.asarray(both @ np.linalg.lstsq(both[use], values[use], rcond=None)[0])
+
+
+@compiled
+def _gains(one: Array, other: Array, values: Array, use: BoolArray) -> tuple[float, float, float]:
+    """Return the gains of two columns (n,) that fit best, 0 for one of zeros, and how far apart they are.
+
+    What the other has of the first is taken out of it beforehand (Gram and Schmidt); the part of its square that is
+    left says how far apart they are, 0 where the first is one of zeros.
+    """
+    square, along, first, whole = 0.0, 0.0, 0.0, 0.0
+    for k in range(values.size):
+        if use[k]:
+            square += one[k] * one[k]
+            along += one[k] * other[k]
+            first += one[k] * values[k]
+            whole += other[k] * other[k]
+    if square == 0.0:
+        return 0.0, 0.0, 0.0
+    if whole == 0.0:
+        return first / square, 0.0, 1.0
+    rest, second = 0.0, 0.0
+    for k in range(values.size):
+        if use[k]:
+            own = other[k] - along / square * one[k]
+            rest += own * own
+            second += own * values[k]
+    return (first - along * second / rest) / square, second / rest, rest / whole
+
+
+@compiled
+def _bounded(values: Array) -> Array:
+    """Return what a model predicts: one that runs away predicts what is infinite, or nothing."""
+    found = np.empty(values.size)
+    for k in range(values.size):
+        found[k] = LOST if math.isnan(values[k]) else min(max(values[k], -LOST), LOST)
+    return found
+
+
+@compiled
+def _left(values: Array, ok: BoolArray, use: BoolArray, modelled: Array, free: bool) -> Array:
+    """Return values less those of a model (n,), 0 where there are none; of a `free` origin less the mean in use."""
+    found, total, count = np.empty(values.size), 0.0, 0
+    for k in range(values.size):
+        found[k] = values[k] - modelled[k]
+        if use[k]:
+            total += found[k]
+            count += 1
+    mean = total / count if free else 0.0
+    for k in range(values.size):
+        found[k] = found[k] - mean if ok[k] else 0.0
     return found
 
 

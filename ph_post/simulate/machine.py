@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from ph_post.compiling import read_only
 from ph_post.drive.automaton import STATES, Key, Zone
-from ph_post.drive.command_filters import arriving
+from ph_post.drive.command_filters import Arriving, arriving
 from ph_post.drive.effects.active import plant_of
 from ph_post.drive.hybrid import Automaton, build_automaton, given_by
 from ph_post.drive.plant import (
@@ -242,21 +242,29 @@ def first_flank(axis: Axis, scenario: Scenario) -> int:
     return -side if axis.name in scenario.opposite else side
 
 
+def arrive(trace: AxisCommand, plant: Plant, period: float) -> Arriving:
+    """Return the command of an axis as it reaches the loop of a plant: late, and filtered."""
+    sent = delayed(trace.position, plant.command_delay / period)
+    return Arriving(sent, NO_FORCE) if plant.cascade is None else arriving(plant.cascade, sent, trace.speed, period)
+
+
 def run_plant(
-    trace: AxisCommand, plant: Plant, flank: int, period: float, given: Array = NO_FORCE
+    trace: AxisCommand,
+    plant: Plant,
+    flank: int,
+    period: float,
+    given: Array = NO_FORCE,
+    arrived: Arriving | None = None,
 ) -> tuple[Array, Array, Changes]:
     """Run one plant that stands on `flank` (1, -1) if it does not move: table and motor [m], and changes.
 
     The table is where it is, referred to the side where its zero was taken; not what screw or scale make its reading.
-    `given` (n,), where it has room, receives what the loops give: :func:`ph_post.drive.hybrid.given_by`.
+    `given` (n,), where it has room, receives what the loops give: :func:`ph_post.drive.hybrid.given_by`. `arrived` is
+    what :func:`arrive` says, where that is known.
     """
     linear = replace(plant, forces=(), cutting=(), reading=TRUE_READING, slows=math.inf)
     automaton = build_automaton(linear)
-    sent = delayed(trace.position, plant.command_delay / period)
-    cascade = plant.cascade
-    fed = NO_FORCE
-    if cascade is not None:
-        sent, fed = arriving(cascade, sent, trace.speed, period)
+    sent, fed = arrive(trace, plant, period) if arrived is None else arrived
     command, fed = read_only(sent), read_only(fed)
     z, first = _start(trace._replace(position=command), plant, automaton, flank)
     table, motor = np.empty(command.size), np.empty(command.size)
