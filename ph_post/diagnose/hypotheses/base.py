@@ -14,11 +14,13 @@ import msgspec
 import numpy as np
 from scipy import signal
 
+from ph_post.compiling import compiled
 from ph_post.drive.cascade import loop_polynomials
+from ph_post.drive.command_filters import ComplexArray
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
 from ph_post.identify.free_run import AxisProblem
-from ph_post.types import Array
+from ph_post.types import Array, BoolArray
 from ph_post.types.diagnosis import Channel
 
 Residuals = Mapping[Channel, Array]
@@ -185,20 +187,49 @@ def force_periods(problem: AxisProblem, left: Residuals, most: int = 4) -> list[
     if not lines.size:
         return []
     place = np.where(np.isfinite(place), place, 0.0)
-    wanted = values[use] - np.mean(values[use])
     wave, onward = (np.exp(2j * np.pi * line * place) for line in (lines[0], 0.4 / span))
-    products, fits = np.empty((lines.size, 2, 2)), np.empty((lines.size, 2))
-    for k in range(lines.size):
-        answer = signal.lfilter(top, bottom, wave)[use]
-        both = np.stack([answer.real, answer.imag])
-        products[k], fits[k] = both @ both.T, both @ wanted
-        wave *= onward
+    order = max(top.size, bottom.size)
+    top, bottom = (np.pad(one, (0, order - one.size)) / bottom[0] for one in (top, bottom))
+    wanted = np.where(use, values - np.mean(values[use]), 0.0)
+    products, fits = _answers(wave, onward, lines.size, top, bottom, use, wanted)
     # The square explained is g' G^-1 g, of two columns far from parallel.
     power = np.einsum("ki,kij,kj->k", fits, np.linalg.pinv(products, hermitian=True), fits)
     inner = power[1:-1]
     peaks = np.flatnonzero((inner >= power[:-2]) & (inner > power[2:])) + 1
     best = peaks[np.argsort(power[peaks])[::-1][:most]]
     return [float(1.0 / lines[k]) for k in best]
+
+
+@compiled
+def _answers(
+    wave: ComplexArray, onward: ComplexArray, count: int, top: Array, bottom: Array, use: BoolArray, wanted: Array
+) -> tuple[Array, Array]:
+    """Return products (count, 2, 2) of what a loop answers to waves, in two phases, and those with what is wanted.
+
+    Each wave (n,) is `onward` (n,) times the one before. `top` and `bottom` are the loop's, of one length, whose first
+    number at the bottom is 1.
+    """
+    products, fits = np.zeros((count, 2, 2)), np.zeros((count, 2))
+    kept = np.zeros(top.size, dtype=np.complex128)
+    for line in range(count):
+        kept[:] = 0.0
+        ones, others, both, one, other = 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(wave.size):
+            sent = wave[k]
+            answer = top[0] * sent + kept[0]
+            for j in range(1, top.size):
+                kept[j - 1] = top[j] * sent + kept[j] - bottom[j] * answer
+            wave[k] = sent * onward[k]
+            if use[k]:
+                ones += answer.real * answer.real
+                others += answer.imag * answer.imag
+                both += answer.real * answer.imag
+                one += answer.real * wanted[k]
+                other += answer.imag * wanted[k]
+        products[line, 0, 0], products[line, 1, 1] = ones, others
+        products[line, 0, 1] = products[line, 1, 0] = both
+        fits[line, 0], fits[line, 1] = one, other
+    return products, fits
 
 
 def periods(problem: AxisProblem, left: Residuals, most: int = 3) -> list[float]:
