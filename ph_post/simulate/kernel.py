@@ -70,6 +70,9 @@ COLUMNS: Final = len(Column)
 STRETCH: Final = 64
 """Samples at most whose guards are looked at together."""
 
+FAST: Final = 6.5
+"""Times the speed over which Stribeck friction dies out beyond which nothing is left of it: exp(-42) is 4e-19."""
+
 SHORT: Final = 8
 """Samples of the first stretch of a mode: what is run behind the end of a mode is run in vain."""
 
@@ -142,8 +145,10 @@ def cogging(motor: float, waves: Array) -> float:
 @lean
 def half_gap(table: float, gap: Array) -> float:
     """Return half the gap at a place of the table [m]: size, slope, reference, bump, centre and width."""
-    off = (table - gap[4]) / gap[5]
-    whole = gap[0] + gap[1] * (table - gap[2]) + gap[3] * math.exp(-0.5 * off * off)
+    whole = gap[0] + gap[1] * (table - gap[2])
+    if gap[3] != 0.0:
+        off = (table - gap[4]) / gap[5]
+        whole += gap[3] * math.exp(-0.5 * off * off)
     return float(0.5 * max(whole, 0.0))
 
 
@@ -299,6 +304,14 @@ def _may_dip(
 def _is_forced(modes: ModeTables) -> bool:
     """Return whether a force of the state acts that is not linear in it."""
     return modes.static != 0.0 or modes.waves.shape[0] > 0
+
+
+@lean
+def _glides(modes: ModeTables, y: Array) -> bool:
+    """Return whether no such force acts where the state is, and the gap is the same everywhere."""
+    if modes.gap.size > 0 or modes.waves.shape[0] > 0:
+        return False
+    return modes.static == 0.0 or abs(y[modes.moving]) > FAST * modes.scale
 
 
 @lean
@@ -527,6 +540,17 @@ def _feed(y: Array, fed: Array, k: int, period: float) -> None:
 
 
 @lean
+def _start_sample(y: Array, command: Array, force: Array, fed: Array, k: int, period: float) -> None:
+    """Set all inputs for the sample that begins at k, where no force of the state acts."""
+    _begin(y, command, k, period)
+    y[Column.G], y[Column.G_RATE] = 0.0, 0.0
+    if force.size > 0:
+        _push(y, force, k, period)
+    if fed.size > 0:
+        _feed(y, fed, k, period)
+
+
+@lean
 def _write(y: Array, k: int, table: Array, motor: Array, states: Array) -> None:
     """Write down where all is at sample k."""
     table[k], motor[k] = y[Column.TABLE], y[Column.MOTOR]
@@ -555,19 +579,20 @@ def _cruise(
     Returns
     -------
     k : int
-        The sample where that ends, begun already; the last one, where it never does.
+        The sample where that ends, begun already where something is left of it.
     left : int
-        What is left of it, in h/2^LEVELS.
+        What is left of it, in h/2^LEVELS: 0 at the last sample, and where :func:`_glide` goes on.
     """
     whole = 1 << LEVELS
     forced, changing, pushed = _is_forced(modes), modes.gap.size > 0, force.size > 0
+    first = k
     level, most, sample = 0, modes.level, modes.tables[mode, 0]
     step, length = sample, period
     guards, slopes, noise, count = modes.guards, modes.slopes, modes.noise, modes.counts[mode]
     guarded, sloped = modes.guarded, modes.sloped
     filled, waves, static, scale = modes.filled, modes.waves, modes.static, modes.scale
     moving, direction = modes.moving, modes.directions[mode]
-    while k < command.size - 1:
+    while k < command.size - 1 and (k == first or not _glides(modes, y)):
         _begin(y, command, k, period)
         if pushed:
             _push(y, force, k, period)
@@ -719,6 +744,16 @@ def _first_dip(modes: ModeTables, mode: int, path: Array, size: int, length: flo
 
 
 @lean
+def _fast_for(modes: ModeTables, path: Array, size: int) -> int:
+    """Return for how many samples of a stretch nothing is left of Stribeck friction, see :func:`_glides`."""
+    if modes.static != 0.0:
+        for s in range(size):
+            if abs(path[modes.moving, s + 1]) <= FAST * modes.scale:
+                return s
+    return size
+
+
+@lean
 def _glide(
     y: Array,
     mode: int,
@@ -734,7 +769,7 @@ def _glide(
     path: Array,
     four: Array,
 ) -> tuple[int, int]:
-    """Do what :func:`_cruise` does where no force of the state acts and the gap is the same everywhere.
+    """Do what :func:`_cruise` does as long as no force of the state acts, and the gap is the same everywhere.
 
     All samples are whole steps then: stretches of them are run, each twice as long as the one before, and their guards
     are looked at together.
@@ -748,22 +783,21 @@ def _glide(
         _set_inputs(command, force, fed, k, size, period, path)
         _run_through(step, path, size, modes.filled, further)
         until = _first_dip(modes, mode, path, size, period, four)
-        for s in range(1, until + 1):
+        fast = _fast_for(modes, path, until)
+        for s in range(1, fast + 1):
             table[k + s], motor[k + s] = path[Column.TABLE, s], path[Column.MOTOR, s]
         if states.shape[0] > 0:
-            for s in range(1, until + 1):
+            for s in range(1, fast + 1):
                 for i in range(STATES):
                     states[k + s, i] = path[i, s]
         for i in range(STATES):
-            y[i] = path[i, until]
-        k += until
+            y[i] = path[i, fast]
+        k += fast
+        if fast < until:
+            break
         if until < size:
             left = 1 << LEVELS
-            _begin(y, command, k, period)
-            if force.size > 0:
-                _push(y, force, k, period)
-            if fed.size > 0:
-                _feed(y, fed, k, period)
+            _start_sample(y, command, force, fed, k, period)
         most = min(2 * most, STRETCH)
     return k, left
 
@@ -820,14 +854,15 @@ def advance(
     whole = 1 << LEVELS
     _write(y, 0, table, motor, states)
     path, four = np.zeros((COLUMNS + 3, STRETCH + 1)), np.empty((5, STRETCH))
-    glides, k = modes.gap.size == 0 and not _is_forced(modes), 0
-    while True:
+    k, glides = 0, _glides(modes, y)
+    while k < command.size - 1:
         if glides:
             k, left = _glide(y, mode, modes, command, period, force, fed, k, table, motor, states, path, four)
         else:
             k, left = _cruise(y, trial, mode, modes, command, period, force, fed, k, table, motor, states)
         if left == 0:
-            break
+            glides = not glides and _glides(modes, y)
+            continue
         changes = 0
         while left > 0:
             heed = changes < MOST_CHANGES
@@ -845,6 +880,7 @@ def advance(
             _follow(modes, mode, y)
         k += 1
         _write(y, k, table, motor, states)
+        glides = _glides(modes, y)
     for i in range(STATES):
         z[i] = y[i]
     return mode, instants[:count], log[:count]
