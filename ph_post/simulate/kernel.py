@@ -85,14 +85,16 @@ TABLE, PLAY, SPRING = 0, 1, 2
 
 @lean
 def _square(d: Array, into: Array) -> None:
-    """Square D; its rows of the inputs, which only run on, have none."""
+    """Square D; its rows of the inputs, each of which only runs on by the next, have no square."""
     into[:] = 0.0
     for i in range(STATES):
         for j in range(WIDTH):
             total = 0.0
-            for k in range(WIDTH):
+            for k in range(STATES):
                 total += d[i, k] * d[k, j]
             into[i, j] = total
+        for k in range(STATES, WIDTH - 1):
+            into[i, k + 1] += d[i, k] * d[k, k + 1]
 
 
 @compiled
@@ -122,6 +124,20 @@ def step_tables(rates: Array, period: float) -> Array:
                 for j in range(WIDTH):
                     d[i, j] = once[i, j] + 2.0 * d[i, j]
     return tables
+
+
+@compiled
+def places_of(rows: Array) -> IntArray:
+    """Return the numbers of the columns of each row that are not 0, in order, and -1 behind them."""
+    found = np.full(rows.shape, -1, dtype=np.int64)
+    for mode in range(rows.shape[0]):
+        for number in range(rows.shape[1]):
+            count = 0
+            for column in range(rows.shape[2]):
+                if rows[mode, number, column] != 0.0:
+                    found[mode, number, count] = column
+                    count += 1
+    return found
 
 
 @lean

@@ -36,9 +36,9 @@ def modes_of(plant: Plant, period: float) -> kernel.ModeTables:
         tables=kernel.step_tables(automaton.rates, period),
         counts=automaton.counts,
         guards=automaton.guards,
-        guarded=_places(automaton.guards),
+        guarded=sealed(kernel.places_of(automaton.guards)),
         slopes=slopes,
-        sloped=_places(slopes),
+        sloped=sealed(kernel.places_of(slopes)),
         noise=automaton.noise,
         targets=automaton.targets,
         resets=automaton.resets,
@@ -53,13 +53,6 @@ def modes_of(plant: Plant, period: float) -> kernel.ModeTables:
         filled=filled_columns(plant),
         level=kernel.FORCED if static or plant.cogging else 0,
     )
-
-
-def _places(rows: Array) -> IntArray:
-    """Return the numbers of the columns of each row that are not 0, in order, and -1 behind them."""
-    places = np.argsort(rows == 0.0, axis=-1, kind="stable")
-    places[np.arange(rows.shape[-1]) >= np.count_nonzero(rows, axis=-1)[..., None]] = -1
-    return sealed(places)
 
 
 def filled_columns(plant: Plant, *, pushed: bool = False) -> int:
