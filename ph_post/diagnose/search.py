@@ -304,6 +304,14 @@ class HypothesisSearch:
         self.problem = problem
         self.known: dict[FittedModel, list[tuple[Hypothesis, FittedModel]]] = {}
         self.plausible: set[str] = set() if plausible is None else plausible
+        self._less: dict[tuple[FittedModel, int], FittedModel] = {}
+
+    def without(self, fitted: FittedModel, number: int) -> FittedModel:
+        """Fit a model with a part less, once."""
+        key = fitted, number
+        if key not in self._less:
+            self._less[key] = fit_model(self.problem, without_part(fitted.model, number), self.problem.fit)
+        return self._less[key]
 
     def tried(self, ground: FittedModel, every: bool = True) -> list[tuple[Hypothesis, FittedModel]]:
         """Fit every hypothesis that promises something on top of a model, or only the plausible ones."""

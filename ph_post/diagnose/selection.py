@@ -341,7 +341,7 @@ def _choose_from(
         if not worthy:
             break
         best = _simplest(problem, worthy)
-        stages = _settle(problem, [*stages, best.fitted])
+        stages = _settle(search, [*stages, best.fitted])
     progress(f"axis {name}: comparing names")
     stages, standings = _exchange(search, stages)
     return ModelChoice(problem=problem, stages=tuple(stages), standings=standings)
@@ -404,11 +404,11 @@ def _base(problem: AxisProblem) -> FittedModel:
     return fit_model(problem, held, problem.fit)
 
 
-def _settle(problem: AxisProblem, stages: list[FittedModel], *, exchanged: bool = False) -> list[FittedModel]:
+def _settle(search: HypothesisSearch, stages: list[FittedModel], *, exchanged: bool = False) -> list[FittedModel]:
     """Take out what is no longer needed: the last part too where it was `exchanged`, and has earned no place."""
-    last = stages[-1]
+    problem, last = search.problem, stages[-1]
     for number in range(len(last.model.parts) - (0 if exchanged else 1)):
-        less = fit_model(problem, without_part(last.model, number), problem.fit)
+        less = search.without(last, number)
         needed = explains(problem, less, last) or not at_floor(problem, last)
         if score_over(problem, less, last) <= 0.0 or not needed:
             return _restage(problem, less, stages[0])
@@ -437,7 +437,7 @@ def _exchange(
         better = next((one.better for one in standings if one.better is not None), None)
         if better is None:
             break
-        stages = _settle(problem, _restage(problem, better, stages[0]), exchanged=True)
+        stages = _settle(search, _restage(problem, better, stages[0]), exchanged=True)
     else:
         standings = [_stand(search, stages, number) for number in range(len(stages[-1].model.parts))]
     return stages, tuple(standings)
@@ -448,7 +448,7 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
     problem, last = search.problem, stages[-1]
     part = last.model.parts[number]
     alone = len(last.model.parts) == 1
-    less = stages[0] if alone else fit_model(problem, without_part(last.model, number), problem.fit)
+    less = stages[0] if alone else search.without(last, number)
     others = [
         one
         for one in search.tried(less, every=alone)
