@@ -298,6 +298,7 @@ class SpotSearch:
         if corrected.any():
             own = inner & ~calm & ~corner & corrected & (ground.lag[spots.column] == 0.0)
             self._on_chords(spots, own, wait, turning, window)
+        turning &= self._touch_divisible(window)
         turning |= slowly
         window[slowly] = spots.window[slowly]
         spots = replace(spots, calm=calm, window=np.where(turning[:, None], window, 0.0), blend=blend)
@@ -360,6 +361,14 @@ class SpotSearch:
             if number == len(BEAM_COARSER):
                 turning &= ~slowed
         return turning & ~unfit, window
+
+    def _touch_divisible(self, window: Array) -> BoolArray:
+        """Mask of the windows (n, 5) that have a motion which may be divided: in others there is a stop instead."""
+        ground = self._ground
+        count = np.append(0, np.cumsum(ground.divisible))
+        first = np.searchsorted(ground.along, window[:, 0], side="right") - 1
+        end = np.searchsorted(ground.along, window[:, 1])
+        return np.asarray(count[end] > count[first])
 
     def _passed(self, spots: Spots) -> Array:
         """Return the speeds at which the original passes corners [m/s], its feed elsewhere, (n,).

@@ -6,7 +6,10 @@ import re
 import pytest
 from support.corpus import compensated, stepper
 
+import ph_post as ph
 from ph_post.dialects.registry import find_dialect
+from ph_post.edit.edits import EditOptions
+from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.undo import undo
 from ph_post.gcode.read import read_program, reread
 from ph_post.verify.verify import verify
@@ -77,3 +80,27 @@ def test_an_arc_that_turns_an_axis_is_kept_whole_and_named():
     program = read_program(text, "a.ngc")
     after = compensated(program, MACHINE, find_dialect("linuxcnc"))
     assert after.count(b"A360") == after.count(b"G3") == 1
+
+
+def test_stops_in_lines_that_turn_an_axis_are_not_reckoned_as_crossings_on_the_fly(tmp_path):
+    radius, feed, turns = 5.0, 20.0, 5
+    round_ = [
+        f"G1 X{radius * math.cos(n * math.pi / 180) - radius:.4f} Y{radius * math.sin(n * math.pi / 180):.4f} A{n}\n"
+        for n in range(1, 360 * turns + 1)
+    ]
+    text = f"{HEAD}G64 P0.01\nG1 Z-1 F300\nF{60 * feed:g}\n{''.join(round_)}G0 Z5\nM2\n"
+    program, machine = read_program(text.encode(), "a.ngc"), stepper("linuxcnc")
+    # The circles, the way down, and up again at the machine's speed.
+    lasts = 2 * math.pi * radius * turns / feed + 6.0 / 5.0 + 6.0 / (machine.axes["Z"].limits.velocity * 1e3)
+    push = max(axis.limits.acceleration for axis in machine.axes.values()) * 1e3
+    for allowed in (10.0, 0.2, 0.1):
+        edits = plan_offsets(program, machine, find_dialect("linuxcnc"), EditOptions(max_slowdown=allowed))
+        assert not edits.crossings
+        # From the feed to rest and back takes so much longer, be the brakes those of the fastest axis.
+        whole = [one for one in edits.stops if any(shift.whole for shift in one.shifts)]
+        assert edits.slowdown * lasts >= len(whole) * feed / push
+    file = tmp_path / "a.ngc"
+    file.write_text(text)
+    found = ph.compensate(file, machine)
+    assert found.after.time <= 1.101 * found.before.time
+    assert sum(row.compensated for row in found.axis_reversals) >= 4
