@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cached_property
 from typing import Final
 
@@ -18,9 +18,10 @@ from ph_post.compensate.crossing_times import (
     rest_before,
     shortest_crossing,
     turning_acceleration,
+    wound,
 )
 from ph_post.compensate.families import BARE, DesignFamily, ReversalCase, jogs_last
-from ph_post.compensate.friction import friction_of, friction_of_machine
+from ph_post.compensate.friction import Friction, friction_of, friction_of_machine
 from ph_post.compensate.friction_layout import first_step
 from ph_post.compensate.layout import approached_way, first_direction, first_pushes, reversing_axes
 from ph_post.compensate.offsets import may_shift, whole_jog
@@ -172,7 +173,8 @@ class _Chooser:
             for window in task.windows
         ]
         self.friction_first = self._friction_first()
-        self.winding = self._as_approach(self._winding_time())
+        # Where there is no time to lead friction while axes come onto their sides, they come nearly onto them.
+        self.winding = self._as_approach(self._winding_time(self.friction)) or self._as_approach(self._winding_time({}))
         self.pushing = self._pushing()
         self.pushes_first = self._as_approach(self.pushing) > 0.0
         pairs = zip(self.places, self.reversing, strict=True)
@@ -189,8 +191,8 @@ class _Chooser:
         """Axes whose friction is led and turns round with them."""
         return tuple(name for name, one in self.friction.items() if one.turns)
 
-    def _winding_time(self) -> float:
-        """Time that it takes at most to bring axes behind the loop to their first flank [s].
+    def _winding_time(self, friction: Mapping[str, Friction]) -> float:
+        """Time that it takes at most to bring axes behind the loop to their first flank, against friction [s].
 
         Every part program has an approach that does it. Where it would take most of the time allowed designs leave
         nothing for it.
@@ -198,12 +200,12 @@ class _Chooser:
         if not self.offsets or self.written or self.task.options.start == "moving":
             return 0.0
         drives = [self.sized.axes[name] for name in self.task.path.axes]
-        times = [
-            shortest_crossing(axis, self.lead, self.period) * (2.0 + axis.uncertainty.backlash)
-            for axis in drives
-            if not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0
-        ]
-        return max(times, default=0.0)
+        behind = [axis for axis in drives if not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0]
+        whole = [shortest_crossing(axis, self.lead, self.period) for axis in behind]
+        pairs = zip(behind, whole, strict=True)
+        return max(
+            (wound(axis, 1, friction.get(axis.name), one, self.period).duration for axis, one in pairs), default=0.0
+        )
 
     def _pushing(self) -> float:
         """Time that it takes to push axes onto their sides whose gap is inside their loop [s], likewise."""
@@ -327,7 +329,7 @@ class _Chooser:
             )
             for times in SMOOTH
             # Without any design all of the time may be spent on it.
-            for winds_up in ((True, False) if 0.0 < self._winding_time() <= self.task.allowed else (False,))
+            for winds_up in ((True, False) if 0.0 < self._winding_time({}) <= self.task.allowed else (False,))
         )
 
     def _left_alone(self, number: int) -> float:

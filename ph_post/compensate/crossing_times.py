@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.compensate.friction import Friction, held_change
+from ph_post.compensate.friction import Friction, held_change, shortest_step
 from ph_post.compensate.inverse import lead_of_crossing, motor_inertia
 from ph_post.compensate.lead import WIDTH
 from ph_post.compensate.limit_curve import AxisLimits, axis_limits
@@ -216,7 +216,7 @@ def crossing_at_turn(
 
 
 class Carried(NamedTuple):
-    """What carries a motor through a backlash inside its loop, from 0 s on, and how long that takes in all [s]."""
+    """What carries a motor through its backlash, from 0 s on, and how long that takes in all [s]."""
 
     crossings: tuple[Crossing, ...]
     friction: tuple[FrictionChange, ...]
@@ -242,6 +242,46 @@ def carried(axis: Axis, way: int, friction: Friction | None, duration: float, la
         change = replace(change, hold=whole - change.release - change.take)
     crossings = (whole_crossing(axis, way, before + 0.5 * duration, duration),) if duration else ()
     return Carried(crossings, () if change is None else (change,), whole)
+
+
+def wound(
+    axis: Axis,
+    way: int,
+    friction: Friction | None,
+    whole: float,
+    period: float,
+    *,
+    beyond: float = 0.0,
+    part: float = 1.0,
+    end: float = 0.0,
+) -> Carried:
+    """Bring an axis whose backlash is behind its loop onto the side of a way, from either.
+
+    From the middle it goes back until the other side is surely touched, and then forth, both as a crossing of the whole
+    backlash in `whole` [s] does. Friction would keep the motor short of both. Where it is led, a `part` of it is led
+    back at first, and all of it forth while the motor rests between the two, which lasts until it has to set out for
+    being there at `end` [s]. One that sets out with less of it led comes late and runs past its place, which does no
+    harm on the way back where there is no such time. Where friction is not led, the axis goes back `beyond` [m] as far.
+    """
+    gap, more = axis.gap.lost_motion, 1.0 + axis.uncertainty.backlash
+    back, there, forth = 0.5 * gap * more + beyond, whole, more * whole
+    leads = friction is not None and friction.turns
+    if leads or beyond:
+        # With the same jerk.
+        there = (back / gap) ** (1.0 / 3.0) * whole
+        forth = max(more, ((back + 0.5 * gap) / gap) ** (1.0 / 3.0)) * whole
+    before, onto = 0.0, there
+    changes: tuple[FrictionChange, ...] = ()
+    if friction is not None and leads:
+        release = shortest_step(axis, part * friction.size, period)
+        turn = shortest_step(axis, (1.0 + part) * friction.size, period, alone=True)
+        before = release if end else 0.0
+        onto = max(release + turn, before + there + turn, end - forth)
+        change = FrictionChange(axis=axis.name, start=0.0, release=release, before=0, after=way, held=-part)
+        changes = (replace(change, hold=onto - turn - release, take=turn),)
+    crossing = Crossing(axis=axis.name, start=before, duration=there, travel=-way * back, order=TRAVEL)
+    crossings = (crossing, replace(crossing, start=onto, duration=forth, travel=way * (back + 0.5 * gap)))
+    return Carried(crossings, changes, onto + forth)
 
 
 def turning_acceleration(point: TurningPoint, feed: float) -> float:

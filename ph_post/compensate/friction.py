@@ -11,7 +11,7 @@ it does not knock the table on, and then to F (take).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -47,6 +47,13 @@ STILL: Final = 0.2e-6
 HELD: Final = 0.2
 """Part of the friction with which the motor is brought through the backlash where nothing else is asked for."""
 
+
+SPREADS: Final = 2.5
+"""Times its uncertainty by which friction may be less, for a plan that leads it to be no worse than the plain one."""
+
+MISSING: Final = (0.25, 0.5)
+"""Parts of the friction that are the least and the largest of that: it changes from day to day, whatever a log knew of
+it, and half of it is missing where the machine file does not say how sure it is."""
 
 RUN_ON: Final = 0.05
 """Part of its backlash by which a table may run on where its motor stops behind an approach."""
@@ -159,6 +166,21 @@ def braked(axis: Axis) -> float:
     return slows if slows < axis.limits.acceleration else math.inf
 
 
+def little_friction(axes: Iterable[Axis]) -> float:
+    """Return the part of the friction of axes with which a plan that leads it may be no worse than the plain program.
+
+    Of axes with different uncertainties the largest counts, as all have the same factor.
+
+    Examples
+    --------
+    >>> from ph_post.drive.machinefile import read_machine
+    >>> little_friction(read_machine("old_mill").axes.values())
+    0.5
+    """
+    spread = max(axis.uncertainty.friction for axis in axes)
+    return 1.0 - min(max(SPREADS * spread, MISSING[0]), MISSING[1])
+
+
 def friction_share(friction: Friction, turned: Array, speed: Array) -> Array:
     """Position error [m] that friction takes of an axis at `speed` [m/s], shape (n,).
 
@@ -213,9 +235,12 @@ def _add_rise(found: Array, t: Array, start: float, duration: float, size: float
     found[end:] += size
 
 
-def shortest_step(axis: Axis, size: float, period: float) -> float:
-    """Least duration [s] in which a share of the command may change by `size` [m] within the axis' limits."""
-    part = PART if axis.loop.encloses_backlash or not axis.gap.lost_motion else BESIDE
+def shortest_step(axis: Axis, size: float, period: float, *, alone: bool = False) -> float:
+    """Least duration [s] in which a share of the command may change by `size` [m] within the axis' limits.
+
+    Behind the loop the axis may cross its backlash meanwhile, if the step is not `alone`.
+    """
+    part = PART if alone or axis.loop.encloses_backlash or not axis.gap.lost_motion else BESIDE
     limits = (axis.limits.velocity, axis.limits.acceleration, axis.limits.jerk)
     least = [
         (abs(size) * peak / (part * bound)) ** (1.0 / order)

@@ -20,6 +20,7 @@ from ph_post.compensate.crossing_times import (
     MOST,
     NO_REST,
     PART,
+    Carried,
     carried,
     crossing_at_turn,
     first_push,
@@ -28,8 +29,9 @@ from ph_post.compensate.crossing_times import (
     shortest_crossing,
     turning_acceleration,
     whole_crossing,
+    wound,
 )
-from ph_post.compensate.friction import Friction
+from ph_post.compensate.friction import Friction, friction_of, little_friction
 from ph_post.compensate.friction_layout import lay_friction
 from ph_post.compensate.motion import MotionLaw
 from ph_post.compensate.offsets import APPROACH_FEED, DWELL, approach_distance, corner_pause, make_jog, whole_jog
@@ -42,6 +44,9 @@ from ph_post.geometry.track import Track
 from ph_post.types import Axis, Crossing, FeedProfile, FrictionChange, Jog, Machine, Phase, TurningPoint, Window, frozen
 
 STILL = frozen([0.0])
+
+NOTHING: Final = Carried((), (), 0.0)
+"""What an axis needs that is on its side."""
 
 KNOWN_SIDES: Final = {"+": 1, "-": -1}
 """Sides on which axes stand at first where a machine file tells it."""
@@ -65,9 +70,10 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `written` says that the plan becomes a part program, which crosses the gap by jogs at full stops. `shifted` are
     axes with a lasting offset whether or not a request crosses their gap. Without `winds_up` a table begins as
-    the path does, and axes come onto their sides under way. Where it `pushes_first` axes whose gap is inside their loop
-    are on their sides when the path begins; where it `carries`, they cross it while they rest. `friction` is by axis
-    what is led of that, from rest in `friction_first` [s] before the path begins.
+    the path does, and axes come onto their sides under way; where it `leads_first`, against friction that is led. Where
+    it `pushes_first` axes whose gap is inside their loop are on their sides when the path begins; where it `carries`,
+    they cross it while they rest. `friction` is by axis what is led of that, from rest in `friction_first` [s] before
+    the path begins.
     """
 
     track: Track
@@ -82,6 +88,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     written: bool
     shifted: tuple[str, ...] = ()
     winds_up: bool = True
+    leads_first: bool = True
     pushes_first: bool = False
     carries: bool = False
     friction: Mapping[str, Friction] = {}
@@ -157,6 +164,8 @@ def lay_out(job: Job) -> Layout:
     for point in job.turning_points:
         if point.axis not in shifted or (point.index, point.axis) in served or at_an_end(job, point):
             continue
+        if _begins(job, point):
+            continue
         stop, axis, direction = rest_at(job.phases, point.s), job.machine.axes[point.axis], -came_from(point)
         quickest = job.shortest(axis, MOST)
         idle = NO_REST if job.written else rest_before(job.track, point, axis, job.lead)
@@ -170,7 +179,7 @@ def lay_out(job: Job) -> Layout:
             placed.append(_delayed(crossing_at_turn(axis, direction, quickest, bent, idle), turn))
     if dropped:
         return Layout(phases=job.phases, crossings=(), bias={}, dropped=tuple(sorted(dropped)))
-    bias, approach = _at_start(job, shifted, stops)
+    bias, approach, first_changes = _at_start(job, shifted, stops)
     rest = max((one.end for one in approach), default=0.0) if job.written or job.winds_up else 0.0
     if job.pushes_first:
         pushes = first_pushes(job.track, job.machine, job.turning_points, tuple(job.friction))
@@ -196,7 +205,7 @@ def lay_out(job: Job) -> Layout:
         phases=phases,
         crossings=tuple(crossings),
         bias=bias,
-        friction=_friction_changes(job, phases, crossings, changes),
+        friction=_friction_changes(job, phases, crossings, first_changes + changes),
     )
 
 
@@ -259,7 +268,9 @@ def _crossings_at_windows(job: Job, motion: MotionLaw) -> list[Crossing | Jog]:
     """Crossings of the windows, each within its profile or around its turning point."""
     found: list[Crossing | Jog] = []
     for number, request in enumerate(job.requests):
-        chosen = _requested(job, request)
+        members = [job.turning_points[k] for k in job.windows[number].members]
+        begins = {point.axis for point in members if _begins(job, point)}
+        chosen = [one for one in _requested(job, request) if not (is_open(job, one.axis) and one.axis in begins)]
         if not chosen or request.stop:
             continue
         window, middle = job.windows[number], middle_of(motion, number)
@@ -332,6 +343,12 @@ def at_an_end(job: Job, point: TurningPoint) -> bool:
     return point.s <= SAME_TURN or point.s >= job.length - SAME_TURN
 
 
+def _begins(job: Job, point: TurningPoint) -> bool:
+    """Return whether an axis of a table rests from the beginning to a turning point: it is on the side behind that."""
+    away = job.written or job.moving or at_an_end(job, point)
+    return not (away or has_moved(job.track, job.turning_points, point))
+
+
 def rest_at(phases: Sequence[Phase], s: float) -> int | None:
     """Index of the phase that starts from rest at `s`, None where the motion runs through."""
     for number, phase in enumerate(phases):
@@ -345,17 +362,32 @@ def _time_at(motion: MotionLaw, s: float) -> float:
     return bisect(lambda t: motion.place_at(t) < s, 0.0, motion.end)[1]
 
 
-def _at_start(job: Job, shifted: Sequence[str], stops: _Stops) -> tuple[dict[str, float], list[Crossing | Jog]]:
-    """Offsets of the first row [m], and the approach, from there to the flank that each axis' first motion needs."""
+def _at_start(
+    job: Job, shifted: Sequence[str], stops: _Stops
+) -> tuple[dict[str, float], list[Crossing | Jog], list[FrictionChange]]:
+    """Offsets of the first row [m], and the approach, from there to the flank that each axis' first motion needs.
+
+    With it are the changes of the friction that it leads.
+    """
     bias: dict[str, float] = {}
     approach: list[Crossing | Jog] = []
+    changes: list[FrictionChange] = []
     for name in shifted:
         axis, direction = job.machine.axes[name], first_direction(job.track, job.turning_points, name)
+        first = next((one for one in job.turning_points if one.axis == name), None)
+        idle = 0.0
+        if first is not None and _begins(job, first):
+            direction, idle = -came_from(first), _time_at(MotionLaw.from_phases(job.phases), first.s)
         bias[name] = lasting_offset(axis, direction)
         if direction != 0 and not job.moving:
-            bias[name], own = (_by_jog if job.written else _by_crossings)(job, axis, direction, stops)
-            approach += own
-    return bias, approach
+            if job.written:
+                bias[name], jogs = _by_jog(job, axis, direction, stops)
+                approach += jogs
+            else:
+                bias[name], own = _by_crossings(job, axis, direction, idle)
+                approach += own.crossings
+                changes += own.friction
+    return bias, approach, changes
 
 
 def first_pushes(
@@ -372,27 +404,34 @@ def first_pushes(
     ]
 
 
-def _by_crossings(job: Job, axis: Axis, direction: int, _stops: _Stops) -> tuple[float, list[Crossing | Jog]]:
-    """Offset of the first row [m], and the crossings that bring an axis from its flank to the other."""
-    flank = KNOWN_SIDES.get(axis.gap.initial_flank, 0)
+def _by_crossings(job: Job, axis: Axis, direction: int, idle: float) -> tuple[float, Carried]:
+    """Offset of the first row [m], and what brings an axis from its flank to the other.
+
+    It rests for `idle` [s] while the path begins.
+    """
+    flank, period = KNOWN_SIDES.get(axis.gap.initial_flank, 0), job.machine.servo_period
     if flank == direction:
-        return lasting_offset(axis, direction), []
-    whole, more = job.whole(axis, direction), 1.0 + axis.uncertainty.backlash
+        return lasting_offset(axis, direction), NOTHING
+    shortest = job.shortest(axis)
+    duration = (1.0 if job.winds_up else UNDER_WAY) * shortest
+    whole = whole_crossing(axis, direction, 0.5 * duration, duration)
     if flank:
-        whole = msgspec.structs.replace(whole, duration=whole.duration * (1.0 if job.winds_up else UNDER_WAY))
-        return lasting_offset(axis, flank), [whole]
-    if not job.winds_up:
-        # On the right side it comes onto the path, on the other it stays until the path has come up with it.
-        travel, duration = lasting_offset(axis, direction), UNDER_WAY * whole.duration
-        return 0.0, [msgspec.structs.replace(whole, travel=travel, duration=duration)] if travel else []
-    # From either flank: from the middle back until the other is surely touched, then forth.
-    middle, half = 0.5 * sum(side_offsets(axis)), 0.5 * axis.gap.lost_motion
-    back = half * more
-    first = msgspec.structs.replace(whole, travel=-direction * back)
-    second = msgspec.structs.replace(
-        whole, start=whole.duration, travel=direction * (back + half), duration=whole.duration * more
-    )
-    return middle, [first, second]
+        return lasting_offset(axis, flank), Carried((whole,), (), duration)
+    friction = job.friction.get(axis.name) if job.leads_first else None
+    middle = 0.5 * sum(side_offsets(axis))
+    if job.winds_up:
+        # The table may be moved too far: the path has not begun.
+        rubs = None if job.friction else friction_of(axis)
+        beyond = 0.0 if rubs is None else rubs.size
+        return middle, wound(axis, direction, friction, duration, period, beyond=beyond)
+    # With all of the friction led it would be moved too far where there is less. An integrator gives it, with time.
+    end = idle - shortest
+    own = wound(axis, direction, friction, duration, period, part=little_friction([axis]), end=end)
+    if own.duration <= end + WHOLE * period:
+        return middle, own
+    # On the right side it comes onto the path, on the other it stays until the path has come up with it.
+    travel = lasting_offset(axis, direction)
+    return 0.0, Carried((msgspec.structs.replace(whole, travel=travel),), (), duration) if travel else NOTHING
 
 
 def _by_jog(job: Job, axis: Axis, direction: int, stops: _Stops) -> tuple[float, list[Crossing | Jog]]:

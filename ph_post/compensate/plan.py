@@ -15,7 +15,7 @@ from ph_post.compensate import plan_warnings
 from ph_post.compensate.crossing_times import fit_crossings
 from ph_post.compensate.feed_planner import FeedPlanner, ValidMotion
 from ph_post.compensate.fitting import FittedProfiles, Fitter
-from ph_post.compensate.friction import Friction, braked, friction_of_machine
+from ph_post.compensate.friction import Friction, braked, friction_of_machine, little_friction
 from ph_post.compensate.layout import Job, Layout, approach_sides, lay_out, without_axes
 from ph_post.compensate.lead import lead_window
 from ph_post.compensate.lead_report import with_lead_told
@@ -23,7 +23,7 @@ from ph_post.compensate.motion import FeedAlong, cycle_time
 from ph_post.compensate.offsets import may_shift
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan_warnings import SAFE
-from ph_post.compensate.prove import little_friction, prove
+from ph_post.compensate.prove import prove
 from ph_post.compensate.race import race
 from ph_post.compensate.room import unwinding_time
 from ph_post.compensate.shapes import reported_ratio
@@ -447,6 +447,8 @@ class Planner:
             friction_first=first,
         )
         layout = lay_out(job)
+        if job.winds_up and job.friction and cycle_time(layout.phases) > self.longest:
+            layout = lay_out(msgspec.structs.replace(job, leads_first=False))
         if not result.proven and cycle_time(layout.phases) > self.longest:
             layout = lay_out(msgspec.structs.replace(job, winds_up=False, pushes_first=False))
         return layout

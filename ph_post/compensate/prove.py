@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate import plan_warnings
-from ph_post.compensate.friction import friction_of_machine
+from ph_post.compensate.friction import friction_of_machine, little_friction
 from ph_post.compensate.layout import without_axes
 from ph_post.compensate.motion import cycle_time, without_strategy
 from ph_post.compensate.offsets import command_of, plan_time
@@ -20,7 +20,7 @@ from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
 from ph_post.compensate.violations import check_command
 from ph_post.simulate.assess import for_each_scenario, is_nominal, scenarios
 from ph_post.simulate.contour import Nominal, first_counted
-from ph_post.types import Array, Axis, Command, Machine, Plan, Scenario
+from ph_post.types import Array, Command, Machine, Plan, Scenario
 
 if TYPE_CHECKING:
     from ph_post.compensate.plan import Planner
@@ -40,13 +40,6 @@ SAME: Final = 1e-9
 NO_WORSE: Final = 1.002
 """Ratio by which root mean square and percentile of the error may be larger: a motion that takes longer is sampled
 at other places. The largest error may not be."""
-
-SPREADS: Final = 2.5
-"""Times its uncertainty by which friction may be less, for a plan that leads it to be no worse than the plain one."""
-
-MISSING: Final = (0.25, 0.5)
-"""Parts of the friction that are the least and the largest of that: it changes from day to day, whatever a log knew of
-it, and half of it is missing where the machine file does not say how sure it is."""
 
 LEAST_FRICTION: Final = 0.05
 """By how much more than what may be left of the friction is led at least, or else none of it."""
@@ -142,21 +135,6 @@ def left_alone(name: str, result: StrategyResult, planner: Planner, why: str) ->
     axes = (planner.machine.axes[name] for name in left.path.axes)
     said = (*left.warnings, *(one for one in run_on_warnings(axes) if one not in left.warnings))
     return replace(left, phases=left.nominal, inverse_dynamics=False, warnings=said)
-
-
-def little_friction(axes: Iterable[Axis]) -> float:
-    """Return the part of the friction of axes with which a plan that leads it may be no worse than the plain program.
-
-    Of axes with different uncertainties the largest counts, as all have the same factor.
-
-    Examples
-    --------
-    >>> from ph_post.drive.machinefile import read_machine
-    >>> little_friction(read_machine("old_mill").axes.values())
-    0.5
-    """
-    spread = max(axis.uncertainty.friction for axis in axes)
-    return 1.0 - min(max(SPREADS * spread, MISSING[0]), MISSING[1])
 
 
 def _less_friction(part: float, ratio: float, little: float) -> float:

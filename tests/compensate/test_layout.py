@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from ph_post.compensate.layout import first_pushes
 from ph_post.compensate.offsets import command_of, lead_in, plan_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import Planner, make_plan
-from ph_post.compensate.strategies.base import StrategyResult
+from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
 from ph_post.compensate.violations import check_command
 from ph_post.drive.machinefile import read_machine
 from ph_post.geometry.curves import Arc, Line
@@ -162,6 +163,35 @@ def test_axes_come_onto_their_sides_before_the_path_begins_and_move_no_table_awa
     turning = min(point.s for point in plan.turning_points)
     begun = (np.arange(command.t.size) >= rows) & (command.s < turning - 2e-3)
     np.testing.assert_allclose(away[begun], 0.0, atol=NEAR)
+
+
+@pytest.mark.parametrize("flanks", FLANKS)
+@pytest.mark.parametrize("winds_up", [True, False])
+def test_an_axis_that_rests_at_first_comes_onto_the_side_of_its_own_first_motion(
+    flanks: tuple[int, int], winds_up: bool
+) -> None:
+    """Y rests on the first side of a closed outline, and is on its side before it moves; it crosses nothing there.
+
+    It came onto the side on which the outline ends, and crossed the backlash where it began to move; where there was no
+    time for that it waited half a backlash off on one side.
+    """
+    corners = [(0.0, 0.0), (0.05, 0.0), (0.03, 0.03), (0.0, 0.03), (0.0, 0.0)]
+    outline = make_path([Line(pair) for pair in pairwise(corners)], closed=True)
+    analysis = look(outline, stepper())
+    requests = (ProfileRequest(shape=None),) * len(analysis.windows)
+    result = StrategyResult(requests=requests, proven=True, shifted=("X", "Y"), winds_up=winds_up)
+    plan = Planner(analysis, stepper(), PlanOptions(strategy="takeup")).plan("takeup", result)
+    assert (lead_in(plan.phases, plan.crossings) > 0.0) == winds_up
+    command = command_of(plan, analysis.track, 1e-3)
+    assert command.offset is not None
+    place = command.position - command.offset
+    away = np.abs(moved_table(command, LOST, flanks) - place)
+    assert away.max() <= 0.5 * LOST + NEAR
+    sides = [one for one in plan.crossings if one.axis == "Y"]
+    moves = command.t[np.argmax(place[:, 1] > 1e-9)]
+    assert [round(one.travel / LOST, 9) for one in sides if one.start > 0.6 * moves] == [-1.0]
+    resting = (command.t > 0.6 * moves) & (command.t < moves)
+    np.testing.assert_allclose(away[resting], 0.0, atol=NEAR)
 
 
 def test_a_table_that_has_no_time_for_it_begins_with_the_path() -> None:
