@@ -127,8 +127,8 @@ class _OffsetPlanner:
         self._sides = {axis.name: written_offsets(axis, dialect, units) for axis in axes}
         self._amplitude = {name: max(map(abs, pair)) for name, pair in self._sides.items()}
         self._blocked = blocked_chains(program)
-        self._open = _open_sections(program, self._blocked, options.left)
         self._beam, self._contours = BeamGuard(program, machine), CutterContours(program)
+        self._open = _open_sections(program, self._beam.works.on, self._blocked, options.left)
         self._threads = Threads(program)
         self._runs = self._beam.runs()
         self._total = max(float(motion_times(program, machine).sum()), options.cycle, 1e-9)
@@ -260,11 +260,13 @@ def _check_overshoot(axes: list[Axis], options: EditOptions) -> None:
             )
 
 
-def _open_sections(program: PartProgram, blocked: dict[str, BoolArray], left: Collection[int]) -> BoolArray:
-    """Mask of the sections that cut and may be shifted (s,)."""
+def _open_sections(
+    program: PartProgram, works: BoolArray, blocked: dict[str, BoolArray], left: Collection[int]
+) -> BoolArray:
+    """Mask of the sections in which the tool works, and that may be shifted (s,)."""
     motions = program.motions
     low, _ = section_spans(motions)
-    cuts = np.logical_or.reduceat(motions.kind != RAPID, low)
+    cuts = np.logical_or.reduceat(works if works.any() else motions.kind != RAPID, low)
     cuts &= ~np.isin(np.arange(low.size), list(left))
     chain = np.searchsorted(chain_spans(motions)[0], low, side="right") - 1
     for marks in blocked.values():

@@ -427,6 +427,14 @@ def test_an_axis_that_increments_alone_lift_at_the_end_is_left_where_it_is() -> 
     assert undo(found.text, "part.gcode") == text.encode()
 
 
+def test_a_nozzle_that_is_only_lifted_behind_its_last_bead_is_not_shifted() -> None:
+    beads = "".join(f"G1 X{x} Y{y} E{n + 1}\n" for n, (x, y) in enumerate([(30, 20), (20, 25), (30, 30), (20, 35)]))
+    text = f"G21\nG90\nM82\nG92 E0\nG0 X20 Y20 Z0.3 F3000\n{beads}M125 S4\nG91\nG1 Z5 F600\nG1 X5 Z1\nG90\nM84\n"
+    found = compensate(text.encode(), machine("marlin", (0.05, 0.05, 0.05)), dialect="marlin")
+    assert found.edits.amplitude.keys() == {"X", "Y"}
+    assert found.text.decode().partition("M125 S4\n")[2].startswith("G91\nG1 Z5 F600\nG1 X5 Z1\nG90\nM84\n")
+
+
 BEGINS_LOWER = ["G2 X-5 Y0 I-5 J0 Z-1 F500\nG2 X5 Y0 I5 J0 Z-2\n", "G93\nG1 X-5 Y2 Z-1 F60\nX5 Y0 Z-2 F60\nG94\n"]
 
 
