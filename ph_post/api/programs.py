@@ -18,6 +18,7 @@ from ph_post.api.guard import (
     FURTHER,
     LEAST,
     ROUNDS,
+    SLACK,
     Guard,
     GuardFinding,
     by_what_is_done,
@@ -67,6 +68,9 @@ BOTH: Final = 2
 
 HALTED: Final = 2
 """Times that corners which the controller rounds more than before are halted in, before what is about them is left."""
+
+FAR_OFF: Final = 2.0
+"""A plan that takes so many times what was reckoned for it shows that its crossings were not reckoned well."""
 
 BESIDE: Final = 3
 """Motions before and behind a change that does not pass the check which are left as they are with it."""
@@ -364,6 +368,7 @@ class _PlanSearch:
         self._planned: set[float] = set()
         self._parts, self._halted = Counter[int](), 0
         self._largest, self._pace, self._divided = 0.0, 1.0, False
+        self._longer = 0.0
 
     def run(self, options: EditOptions) -> CompensatedProgram:
         """Return the best plan; the program itself where none is good."""
@@ -380,7 +385,7 @@ class _PlanSearch:
                 again = self._judge(*self._written(edits), options)
             if again is None:
                 break
-            options = replace(again, pace=self._pace)
+            options = replace(again, pace=self._pace, longer=self._longer)
         if self._best is not None:
             return self._best
         original = self._original
@@ -453,6 +458,7 @@ class _PlanSearch:
         if judged is None:
             self._best = self._best or made
             return None
+        judged = self._reckoned_anew(made.edits, judged, options)
         if judged.planned > self._largest:
             self._largest, self._pace = judged.planned, max(1.0, judged.slowdown / judged.planned)
         if not judged.worse:
@@ -466,6 +472,18 @@ class _PlanSearch:
             self._best = made
             self._kept = options, judged
         return self._other(options, judged) if made.edits.short and judged.simulated else None
+
+    def _reckoned_anew(self, edits: Edits, judged: GuardFinding, options: EditOptions) -> GuardFinding:
+        """Reckon crossings on the fly by what those of a plan took, where that was far more and too much.
+
+        Where lines are as short as blocks of crossings, a controller slows down in ways that are not reckoned. Stops
+        take what is reckoned for them.
+        """
+        over = judged.slowdown > max(FAR_OFF * judged.planned, self._request.edit.max_slowdown + SLACK)
+        if not over or self._kept is not None or len(edits.crossings) <= len(edits.stops):
+            return judged
+        self._longer += (judged.slowdown - judged.planned) * options.cycle / len(edits.crossings)
+        return replace(judged, planned=judged.slowdown)
 
     def _stopping(self, options: EditOptions, judged: GuardFinding, *, behind: bool) -> EditOptions | None:
         """Return the options of a plan that stops in corners where one without made the part worse; None for none."""

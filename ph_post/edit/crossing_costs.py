@@ -119,7 +119,7 @@ class CrossingCosts:
         feed, push = np.maximum(spots.feed, LEAST_FEED), self._ground.push(spots.rows[:, MOTION].astype(np.int64))
         speed = np.where(spots.window[:, 2] > 0.0, spots.window[:, 2], feed)
         way = spots.window[:, 1] - spots.window[:, 0]
-        return np.asarray((feed - speed) ** 2 / (feed * push) + way / speed - way / feed)
+        return np.asarray((feed - speed) ** 2 / (feed * push) + way / speed - way / feed + self._ground.longer)
 
     def of_rests(self, rests: Array, column: IntArray) -> tuple[Array, Array]:
         """Return the time [s] of crossings that take rests (n, 2) between corners, and their feeds [m/s], (n,)."""

@@ -145,6 +145,7 @@ class CrossingGround:
         named: BoolArray,
     ) -> None:
         self.part_side, self.plain_corners = options.part_side, options.plain_corners
+        self.longer = options.longer
         self._standing = np.array(sorted(options.standing), dtype=np.int64)
         # No less than what the numbers of the program can say of the backlash.
         self.overshoot = {

@@ -320,6 +320,8 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         Time of the program as its controller runs it [s], 0 where that is not known.
     pace : float
         Time that a plan took on its controller for each second that was reckoned for it; what is said of time is that.
+    longer : float
+        Time that a crossing near a turning point took on its controller beside what was reckoned for it [s].
     largest_first : bool
         Where the time is short spend it on what gains most, in place of what gains most for its time.
     in_parts : bool
@@ -348,6 +350,7 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     stretches: tuple[tuple[int, int], ...] = ()
     cycle: float = 0.0
     pace: float = 1.0
+    longer: float = 0.0
     largest_first: bool = False
     in_parts: bool = False
     plain_corners: bool = False

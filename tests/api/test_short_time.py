@@ -103,6 +103,26 @@ def test_a_part_of_all_axes_is_left_where_all_of_it_takes_but_little_too_long() 
     assert found.followed > 0.9 * found.shown > 30
 
 
+def test_crossings_that_take_many_times_what_was_reckoned_are_made_where_there_is_time_for_them() -> None:
+    """Helices of 0.15 mm, as CamBam cuts holes: nothing was compensated, as no plan was within the time."""
+    turns = [
+        f"G2 F2000 X{x + end} Y0 Z{-0.3 * n - (0.15 if end else 0.3):.4f} I{0.15 if end else -0.15} J0\n"
+        for x in range(0, 40, 10)
+        for n in range(10)
+        for end in (0.3, 0.0)
+    ]
+    cuts = [f"G0 X{10 * k} Y0\nG0 Z0.1\nG1 F800 Z0\n{''.join(turns[20 * k : 20 * k + 20])}G0 Z3\n" for k in range(4)]
+    text = f"G21 G90 G64 G40\nG0 Z3\n{''.join(cuts)}M2\n"
+    found = judge(Entry("cut", Path("cut.ngc"), "linuxcnc", text))
+    assert found.time is not None
+    assert found.rms is not None
+    # All of them would take 78 %: of 10 % some are had, though each section costs the stops at its ends.
+    assert found.compensated > 0.1 * found.reversals
+    assert found.followed > 0.1 * found.shown > 10
+    assert found.rms[1] < 0.96 * found.rms[0]
+    assert found.time[1] <= 1.1006 * found.time[0]
+
+
 @pytest.mark.parametrize("allowed", [0.02, 0.1])
 def test_the_time_that_is_said_to_be_enough_is_enough(allowed: float, tmp_path: Path) -> None:
     # Its crossings take 2.5 times as long as is reckoned: circles under G61.
