@@ -267,16 +267,19 @@ class ReversalSearch:
     def _closed(self, rows: Array, axis: int, section: IntArray, lows: IntArray, highs: IntArray) -> Array:
         """Add the change to no offset at the end of every span that has changes, and name spans by first sections.
 
-        The last rapid of the axis takes the offset back where nothing cuts after it, the first one where cuts follow
-        that leave the axis alone; else a stop behind the last motion does.
+        The last rapid of the axis takes the offset back where nothing cuts after it, or the last one that names it, the
+        first one where cuts follow that leave the axis alone; else a stop behind the last motion does.
         """
         motions = self.program.motions
         ends = []
         for span in np.unique(rows[:, CHAIN]).astype(np.int64).tolist():
             low, high = int(lows[span]), int(highs[span])
             last = low + int(np.flatnonzero(motions.kind[low:high] != RAPID)[-1])
-            after = np.flatnonzero(motions.start[last + 1 : high, axis] != motions.end[last + 1 : high, axis])
             goes_on = high < motions.chain.size and motions.chain[high] == motions.chain[high - 1]
+            behind = slice(last + 1, high)
+            after = np.flatnonzero(motions.start[behind, axis] != motions.end[behind, axis])
+            if not after.size and not goes_on:
+                after = np.flatnonzero(self.crossings.ground.shiftable[behind, axis])
             motion = last + 1 + int(after[0 if goes_on else -1]) if after.size else high - 1
             rapid = after.size > 0 and bool(self.crossings.ground.shiftable[motion, axis])
             motion = motion if rapid else high - 1

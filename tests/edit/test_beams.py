@@ -12,10 +12,13 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from support.corpus import Entry
+from support.corpus_judge import judge
 from support.editing import Compensated, compensate
 from support.reference_player import BEGINS, Move, distance, interpret, run, tables
 
@@ -585,3 +588,17 @@ def test_where_a_stop_burns_a_coarser_crossing_has_to_do() -> None:
         off = [distance(table[cuts], path) for table in tables(done.motor, GAPS, (0, 0, 0))]
         errors.append(max(float(np.sqrt((one * one).mean())) for one in off))
     assert 5.0 * errors[1] < errors[0], errors
+
+
+def test_the_last_rapid_takes_the_offsets_back_though_only_z_moves_in_it() -> None:
+    """Rapids that name all axes, as robots' post-processors write them: a stop behind the last would burn in M3."""
+    text = (
+        "G21 G40 G80 G90\nG64 P0.01\nS2000\nG0 X50 Y-25 Z55\nG0 X50 Y-25 Z50\nM3\n"
+        "G1 X50 Y25 Z50 F2000\nG1 X75 Y25 Z50\nG1 X75 Y-25 Z50\nG1 X50 Y-25 Z50\nM5\nG0 X50 Y-25 Z55\n"
+        "G0 X50 Y0 Z55\nG0 X50 Y0 Z50\nM3\nG2 X75 Y0 Z50 I12.5 J0\nG2 X50 Y0 Z50 I-12.5 J0\nG0 X50 Y0 Z55\nM30\n"
+    )
+    found = judge(Entry("cut", Path("cut.ngc"), "linuxcnc", text))
+    assert found.compensated == found.reversals > 5
+    assert found.followed == found.shown > 5
+    assert found.rms is not None
+    assert found.rms[1] < 0.05 * found.rms[0]
