@@ -202,7 +202,12 @@ def _path_words(found: Comparison) -> str:
         return "one of them has no motion" if len(found.travel.gaps) else ""
     if not found.deviations:
         return "the same tool path"
-    return f"tool paths up to {micrometres(found.max_deviation)} µm apart"
+    return f"tool paths up to {_distance(found.max_deviation)} apart"
+
+
+def _distance(length: float) -> str:
+    """Write a distance of paths with its unit: errors are of µm, paths of two parts are mm apart."""
+    return f"{millimetres(length)} mm" if length >= MM else f"{micrometres(length)} µm"
 
 
 def _print_blocks(found: Comparison) -> None:
@@ -239,7 +244,7 @@ def _say_rest(number: int, what: str) -> None:
 
 def _print_path(found: Comparison) -> None:
     if found.undone is not None:
-        click.echo(f"without the declared compensation the tool paths are {micrometres(found.undone)} µm apart")
+        click.echo(f"without the declared compensation the tool paths are {_distance(found.undone)} apart")
     if not found.deviations:
         return
     click.secho("tool path, where it deviates (places in mm):", bold=True)

@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from pathlib import Path
 
 import pytest
 from support.corpus import compensated, entries, stepper
@@ -231,6 +232,11 @@ def test_exit_status_and_text(capsys, files):
     assert run(capsys, "diff", files[0], files[0])[0] == 0
     assert run(capsys, "diff", files[0], "nowhere.ngc")[0] == 2
     assert run(capsys, "diff", "-", "-")[0] == 2
+
+
+def test_paths_of_two_parts_are_millimetres_apart(capsys, files):
+    Path(files[1]).write_text(PART.replace("G1 Y0\n", "G1 Y-53\n"))
+    assert "tool paths up to 53.000 mm apart" in run(capsys, "diff", *files)[1]
 
 
 def test_colour_is_on_when_asked_for_and_never_with_no_color(capsys, files, monkeypatch):
