@@ -9,7 +9,6 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.compiling import compiled, read_only
 from ph_post.drive.automaton import (
     NAMES,
     PLACE_NOISE,
@@ -169,10 +168,13 @@ def given_by(plant: Plant, command: Array, fed: Array, states: Array, period: fl
     """
     drive = drive_model(plant)
     at, rate = drive.rows(0), _RATE
-    command, fed, states = read_only(command), read_only(fed), read_only(states)
+    speed = np.empty_like(command)
+    speed[1:], speed[:1] = np.diff(command) / period, (command[1:2] - command[:1]) / period
 
     def along(row: Array) -> Array:
-        return _along(frozen(row), states, command, fed, period)
+        found = states @ row[:STATES] + row @ X * command + row @ one
+        found += row[rate] * speed
+        return found + row @ fed_row * fed if fed.size else found
 
     given, band = along(at.u), 0.0 if plant.cascade is None else plant.cascade.deadband
     if band:
@@ -181,26 +183,9 @@ def given_by(plant: Plant, command: Array, fed: Array, states: Array, period: fl
             given = np.where(side * error > band, along(drive.rows(Zone(error=side).number).u), given)
     if at.asked[rate]:
         # The speed of the command is that of the part before a sample, and half a part late, as far as it was followed.
-        late = _along(frozen(X_dot), states, command, fed, period)
-        given += at.asked[rate] * _followed(plant, period) * (rates_of(command, period) - late)
+        given += at.asked[rate] * _followed(plant, period) * (rates_of(command, period) - speed)
     # With a part of c that is electronic this is where the torque saturates at low speed only.
     return np.clip(given, -plant.saturation, plant.saturation)
-
-
-@compiled
-def _along(row: Array, states: Array, command: Array, fed: Array, period: float) -> Array:
-    """Return the value of a row at the samples of a run (n,); the command's rate is that of the part before."""
-    found = np.empty(command.size)
-    for k in range(command.size):
-        total = 0.0
-        for j in range(STATES):
-            total += states[k, j] * row[j]
-        rate = (command[max(k, 1)] - command[max(k, 1) - 1]) / period if command.size > 1 else 0.0
-        total += row[STATES] * command[k]
-        total += row[STATES + 2]
-        total += row[STATES + 1] * rate
-        found[k] = total + row[WIDTH - 2] * fed[k] if fed.size > 0 else total
-    return found
 
 
 def _followed(plant: Plant, period: float) -> float:

@@ -7,7 +7,7 @@ prediction would hide adds up here to the error seen on the part.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -38,9 +38,6 @@ MOST_KEPT, LEAST_KEPT = 16, 2
 
 SPACE: Final = 16_000_000
 """What they may take [bytes]."""
-
-ALIKE: Final = 1e-12
-"""Part of the square of a column that another leaves, up to which both are one."""
 
 LOST: Final = 10.0
 """Positions [m] and speeds beyond which a plant that is tried has run away."""
@@ -343,53 +340,21 @@ def residuals(problem: AxisProblem, plant: Plant, origin_free: bool = True) -> d
 
     The origin of a position, where that is free, and the gains of the effort are those that fit best.
     """
+    predicted = predict(problem, plant)
     found: dict[Channel, Array] = {}
-    for channel, predicted in predict(problem, plant).items():
-        one = problem.channel(channel)
-        values, ok, use = read_only(one.values), read_only(one.ok), read_only(problem.fit & one.ok)
-        columns = [read_only(_bounded(read_only(column))) for column in np.atleast_2d(predicted.T)]
-        modelled, free = columns[0], origin_free and channel != "force"
-        if channel == "force":
-            modelled = read_only(_best_effort(columns, values, use))
-        found[channel] = _left(values, ok, use, modelled, free)
+    for one in problem.observed:
+        use = problem.fit & one.ok
+        columns = [_bounded(read_only(column)) for column in np.atleast_2d(predicted[one.channel].T)]
+        if one.channel == "force":
+            both = np.stack(columns, axis=1)
+            gains = np.linalg.lstsq(both[use], one.values[use], rcond=None)[0]
+            left = one.values - both @ gains
+        else:
+            left = one.values - columns[0]
+            if origin_free:
+                left -= np.mean(left[use])
+        found[one.channel] = left if one.ok.all() else np.where(one.ok, left, 0.0)
     return found
-
-
-def _best_effort(columns: Sequence[Array], values: Array, use: BoolArray) -> Array:
-    """Return the combination of one or two columns (n,) that is nearest to the values in use."""
-    one, other = columns[0], columns[-1] if columns[1:] else read_only(np.zeros_like(values))
-    gain, more, apart = _gains(one, other, values, use)
-    if apart > ALIKE:
-        return np.asarray(gain * one + more * other)
-    both = np.stack(columns, axis=1)
-    return np.asarray(both @ np.linalg.lstsq(both[use], values[use], rcond=None)[0])
-
-
-@compiled
-def _gains(one: Array, other: Array, values: Array, use: BoolArray) -> tuple[float, float, float]:
-    """Return the gains of two columns (n,) that fit best, 0 for one of zeros, and how far apart they are.
-
-    What the other has of the first is taken out of it beforehand (Gram and Schmidt); the part of its square that is
-    left says how far apart they are, 0 where the first is one of zeros.
-    """
-    square, along, first, whole = 0.0, 0.0, 0.0, 0.0
-    for k in range(values.size):
-        if use[k]:
-            square += one[k] * one[k]
-            along += one[k] * other[k]
-            first += one[k] * values[k]
-            whole += other[k] * other[k]
-    if square == 0.0:
-        return 0.0, 0.0, 0.0
-    if whole == 0.0:
-        return first / square, 0.0, 1.0
-    rest, second = 0.0, 0.0
-    for k in range(values.size):
-        if use[k]:
-            own = other[k] - along / square * one[k]
-            rest += own * own
-            second += own * values[k]
-    return (first - along * second / rest) / square, second / rest, rest / whole
 
 
 @compiled
@@ -398,21 +363,6 @@ def _bounded(values: Array) -> Array:
     found = np.empty(values.size)
     for k in range(values.size):
         found[k] = LOST if math.isnan(values[k]) else min(max(values[k], -LOST), LOST)
-    return found
-
-
-@compiled
-def _left(values: Array, ok: BoolArray, use: BoolArray, modelled: Array, free: bool) -> Array:
-    """Return values less those of a model (n,), 0 where there are none; of a `free` origin less the mean in use."""
-    found, total, count = np.empty(values.size), 0.0, 0
-    for k in range(values.size):
-        found[k] = values[k] - modelled[k]
-        if use[k]:
-            total += found[k]
-            count += 1
-    mean = total / count if free else 0.0
-    for k in range(values.size):
-        found[k] = found[k] - mean if ok[k] else 0.0
     return found
 
 
