@@ -241,22 +241,36 @@ def starting_models(ground: Linearization, hypothesis: Hypothesis) -> list[Start
         prior.field in hypothesis.replaces and abs(x) > BENT for prior, x in zip(fitted.priors, fitted.off, strict=True)
     ):
         starts += hypothesis.taken(ground.problem.plant, plant_at(ground.problem, fitted))
-    found: list[StartingModel] = []
-    for start in dict.fromkeys(starts):
-        if linear:
-            made = [_scaled(ground, with_part(base, hypothesis, start), linear, rows) for base, rows in bases]
-        else:
-            made = [_better_based(ground, hypothesis, start)]
-        found += [StartingModel(promise=float(before @ before - left @ left), model=model) for left, model in made]
+    starts = list(dict.fromkeys(starts))
+    if linear:
+        made = [
+            _scaled(ground, with_part(base, hypothesis, start), linear, rows)
+            for start in starts
+            for base, rows in bases
+        ]
+    else:
+        made = _better_based(ground, [with_part(fitted, hypothesis, start) for start in starts])
+    squares = float(before @ before)
+    found = [StartingModel(promise=squares - float(left @ left), model=model) for left, model in made]
     return sorted(found, key=lambda one: -one.promise)
 
 
-def _better_based(ground: Linearization, hypothesis: Hypothesis, numbers: Numbers) -> tuple[Array, Model]:
-    """Start from the fitted base values or the file's, whichever leave less that the model cannot absorb."""
-    fitted = ground.fitted.model
-    tried = [with_part(model, hypothesis, numbers) for model in (fitted, at_file(fitted))]
-    left = [(ground.beyond(_rows(ground, model)), model) for model in tried]
-    return min(left, key=lambda one: float(one[0] @ one[0]))
+def _better_based(ground: Linearization, models: Sequence[Model]) -> list[tuple[Array, Model]]:
+    """Start from the fitted base values or the file's, whichever leave less that the model cannot absorb.
+
+    Where these are nearly the same, the file's are tried of the starts alone that leave least: two are gone on from.
+    """
+
+    def left_by(model: Model) -> tuple[Array, Model]:
+        return ground.beyond(_rows(ground, model)), model
+
+    def squares(one: tuple[Array, Model]) -> float:
+        return float(one[0] @ one[0])
+
+    found = sorted(map(left_by, models), key=squares)
+    near = max(map(abs, ground.fitted.model.off), default=0.0) <= BENT
+    tried = found[: FEW_STARTS if near else None]
+    return [min(one, left_by(at_file(one[1])), key=squares) for one in tried] + found[len(tried) :]
 
 
 def _scaled(ground: Linearization, model: Model, linear: Sequence[int], here: Array) -> tuple[Array, Model]:
@@ -280,6 +294,9 @@ def _with_numbers(model: Model, numbers: Numbers) -> Model:
     """Return a model with other numbers of its last part."""
     return replace(model, parts=(*model.parts[:-1], replace(model.parts[-1], numbers=numbers)))
 
+
+FEW_STARTS: Final = 6
+"""Starts that are tried with the file's base values, too, where the fitted ones are nearly these."""
 
 ABREAST: Final = 0.6
 """Part of the best one's gain from which a hypothesis is fitted to the end."""
