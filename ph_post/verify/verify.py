@@ -151,6 +151,10 @@ def _check_undeclared(original: PartProgram, compensated: PartProgram, findings:
     findings.count("lines", compensated.blocks)
     if original.data == compensated.data:
         return
+    if read_declared(compensated, original) is not None:
+        what = "the first program has the header of a compensated one, and the second has none: name the original first"
+        findings.add("undeclared", what, original=0)
+        return
     shared = min(original.blocks, compensated.blocks)
     place = next((k for k in range(shared) if original.text(k) != compensated.text(k)), shared)
     findings.add(

@@ -51,6 +51,13 @@ def test_the_same_bytes_need_no_header():
     assert judged(data, data).ok
 
 
+def test_programs_in_the_wrong_order_are_named_as_that():
+    data, _ = bracket()
+    (failure,) = judged(b"(ph-post 0.2.0 compensated this program)\n" + data, data).failures
+    assert failure.kind == "undeclared"
+    assert "name the original first" in failure.what
+
+
 def test_other_bytes_need_one():
     data, _ = bracket()
     verdict = judged(data, data.replace(b"X20", b"X21"))
