@@ -340,7 +340,9 @@ def residuals(problem: AxisProblem, plant: Plant, origin_free: bool = True) -> d
 
     The origin of a position, where that is free, and the gains of the effort are those that fit best.
     """
-    predicted = predict(problem, plant)
+    # A model that is tried may run away: what it predicts is then infinite, or nothing.
+    with np.errstate(over="ignore", invalid="ignore"):
+        predicted = predict(problem, plant)
     found: dict[Channel, Array] = {}
     for one in problem.observed:
         use = problem.fit & one.ok
