@@ -445,26 +445,21 @@ class _PlanSearch:
             if behind:
                 return replace(options, plain_corners=True)
             return self._without_failed(made, refused, options)
-        judged = self._guard.compare(made.motions[1], made.edits.slowdown)
-        if judged is not None:
-            judged = by_what_is_done(judged, options.left, self._count)
-            if not (judged.gains or _crosses(made.edits)):
-                # Axes that only come to their sides once do it for nothing.
-                judged = replace(judged, worse=frozenset(range(self._count)))
-        chooses = find_traits(self._request.plan.strategy).chooses
-        if judged is not None and not (chooses or self._planner.offsets_axes):
-            # Dips and stops that were asked for by name keep to the time; what they do to the part is told.
-            judged = replace(judged, worse=frozenset())
+        judged = self._compared(made.motions[1], made.edits, options)
         if judged is None:
-            self._best = self._best or made
-            return None
-        judged = self._reckoned_anew(made.edits, judged, options)
+            again = self._in_parts(options) if made.edits.short else None
+            self._best = self._best or (made if again is None else None)
+            return again
         if judged.planned > self._largest:
             self._largest, self._pace = judged.planned, max(1.0, judged.slowdown / judged.planned)
-        if not judged.worse:
+        if judged.worse:
+            again = self._stopping(options, judged, behind=behind)
+        else:
             self._enough = min(self._enough, judged.slowdown)
-        elif (stopping := self._stopping(options, judged, behind=behind)) is not None:
-            return stopping
+            # One axis alone may leave the part worse than none, which nothing shows where errors are not simulated.
+            again = self._in_parts(options) if made.edits.short and not judged.simulated else None
+        if again is not None:
+            return again
         tighter = tightened(options, judged, self._request.edit.max_slowdown, self._count)
         if tighter is not None:
             return self._less(made.edits, judged, options, self._parting(tighter, judged, options))
@@ -472,6 +467,21 @@ class _PlanSearch:
             self._best = made
             self._kept = options, judged
         return self._other(options, judged) if made.edits.short and judged.simulated else None
+
+    def _compared(self, motion: ProgramMotion, edits: Edits, options: EditOptions) -> GuardFinding | None:
+        """Say what a plan does to the part; None where nothing can."""
+        judged = self._guard.compare(motion, edits.slowdown)
+        if judged is None:
+            return None
+        judged = by_what_is_done(judged, options.left, self._count)
+        if not (judged.gains or _crosses(edits)):
+            # Axes that only come to their sides once do it for nothing.
+            judged = replace(judged, worse=frozenset(range(self._count)))
+        chooses = find_traits(self._request.plan.strategy).chooses
+        if not (chooses or self._planner.offsets_axes):
+            # Dips and stops that were asked for by name keep to the time; what they do to the part is told.
+            judged = replace(judged, worse=frozenset())
+        return self._reckoned_anew(edits, judged, options)
 
     def _reckoned_anew(self, edits: Edits, judged: GuardFinding, options: EditOptions) -> GuardFinding:
         """Reckon crossings on the fly by what those of a plan took, where that was far more and too much.

@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 from msgspec import structs
 from support.corpus import Entry, stepper, whole
-from support.corpus_judge import judge
+from support.corpus_judge import Judged, compare, judge
 from support.editing import with_edits
 from support.random_cuts import random_cut
 
 import ph_post as ph
 from ph_post.api import guard, programs
+from ph_post.api.compensation import compensated as compensated_source
 from ph_post.api.guard import GuardFinding, otherwise
+from ph_post.api.options import CompensateOptions
 from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.dialects.declaration import line_origins
 from ph_post.dialects.reading import read_as
@@ -27,8 +29,10 @@ from ph_post.edit.affordable import SPARE, AxisInSections, worth_most
 from ph_post.edit.crossings import CrossingPlace, CrossingPlanner
 from ph_post.edit.edits import TOLERANCE, CrossingEdit, EditOptions, Edits
 from ph_post.edit.offset_edits import plan_offsets
+from ph_post.files.storage import SourceBytes
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
+from ph_post.progress import no_progress
 from ph_post.types import Array
 from ph_post.verify.verdict import Failure, Verdict
 from ph_post.verify.verify import verify
@@ -121,6 +125,24 @@ def test_crossings_that_take_many_times_what_was_reckoned_are_made_where_there_i
     assert found.followed > 0.1 * found.shown > 10
     assert found.rms[1] < 0.96 * found.rms[0]
     assert found.time[1] <= 1.1006 * found.time[0]
+
+
+def test_no_axis_is_left_for_itself_in_a_program_that_is_too_long_to_be_simulated() -> None:
+    """Beside lines at 45 degrees both backlashes are along the line; one of them compensated is across it."""
+    ends = "".join(
+        f"G1 X{k % 2 * 5 + k * 0.02:.2f} Y{k % 2 * 5}\nG1 X{k % 2 * 5 + k * 0.02 + 0.3:.2f}\n"
+        f"G1 X{k % 2 * 5 + k * 0.02 + 0.02:.2f}\n"
+        for k in range(1100)
+    )
+    text = f"G21 G90 G17 G94\nG0 X0 Y0 Z5\nG1 Z-1 F120\n{ends}G0 Z5\nM2\n".encode()
+    source, options = SourceBytes(name="a.nc", stem="a", data=text), CompensateOptions(max_slowdown=0.005)
+    result = compensated_source(source, stepper("grbl"), options, "program", no_progress)
+    x, y, _ = result.axis_reversals
+    assert 0.3 < x.compensated / x.all < 0.7
+    assert 0.3 < y.compensated / y.all < 0.7
+    found = compare(Judged("compensated"), "grbl", text, result.program())
+    assert found.rms is not None
+    assert found.rms[1] < 0.7 * found.rms[0]
 
 
 @pytest.mark.parametrize("allowed", [0.02, 0.1])
