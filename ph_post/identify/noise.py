@@ -132,6 +132,7 @@ def _vertex(values: Array, k: int) -> float:
 
 def _refined(commands: Array, lag: float) -> float:
     """Lag between samples, by least squares over what differs by less than a sample's travel."""
+    rough = lag
     if lag == round(lag):
         return lag
     for _ in range(2):
@@ -143,8 +144,9 @@ def _refined(commands: Array, lag: float) -> float:
             near = np.abs(apart) <= np.max(np.abs(speed))
             above += float(apart[near] @ speed[near])
             below += float(speed[near] @ speed[near])
-        if below == 0.0:
-            return lag
+        # A minimum between samples is no farther from the rough one: beyond nothing repeats itself.
+        if below == 0.0 or not abs(lag - above / below - rough) <= 1.0:
+            return rough
         lag -= above / below
     return lag
 
@@ -182,7 +184,8 @@ def _delayed(values: Array, whole: int, weights: Array) -> Array:
     blended = values if half == 0 else np.convolve(values, weights, mode="valid")
     # blended[i] belongs to sample i + half; as the kernel is reversed by convolve, `rest` > 0 looks back
     lo, hi = whole + half, min(values.size, whole + values.size - half)
-    earlier[lo:hi] = blended[: hi - lo]
+    if lo < hi:
+        earlier[lo:hi] = blended[: hi - lo]
     return earlier
 
 

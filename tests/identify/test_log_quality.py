@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -167,6 +168,15 @@ def test_a_motion_of_one_axis_repeats_only_if_the_others_do_too() -> None:
     x, y = 0.02 * np.sin(2.0 * np.pi * t / 3.0), sweeps(12.0, seed=5)
     assert sum(r.stop - r.start for r in find_repeats(x[None, :], PERIOD, 0.0)) == 9000
     assert find_repeats(np.array([x, y]), PERIOD, 0.0) == ()
+
+
+@pytest.mark.parametrize("beyond", [-10.4, -0.5, 3.4])
+def test_a_lag_of_all_of_a_log_is_no_repeat(monkeypatch: pytest.MonkeyPatch, beyond: float) -> None:
+    """A lag is refined by where two parts of the log are near each other; that may lead out of it."""
+    x = np.cumsum(np.sin(np.arange(3000.0) ** 1.3 / 3000.0)) * 1e-5
+    noise = sys.modules[find_repeats.__module__]
+    monkeypatch.setattr(noise, "_candidates", lambda _commands, _least: [x.size + beyond])
+    assert find_repeats(x[None, :], PERIOD, 0.0) == ()
 
 
 def test_a_program_that_is_run_twice_among_other_motions_repeats() -> None:
