@@ -3,29 +3,44 @@
 Where E words stand for the place of the filament (M82) and where for a step of it (M83) has to be known for certain,
 as one taken for the other would push out a spool. G90 and G91 set E too in Marlin, and none in Klipper but that E is a
 step wherever G91 is (`gcode.cpp` of Marlin, `gcode_move.py` of Klipper): so a line is divided only where its mode was
-named by M82 or M83 behind the last G90 or G91, or where G90 stands behind it without changing it in either.
+named by M82 or M83 behind the last G90 or G91, or where G90 stands behind it without changing it in either. A program
+that names none shows that E words are places where as steps they would be no print: see :func:`shows_places`.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Final
 
 import msgspec
+import numpy as np
 
+from ph_post.gcode.motion_parts import chord_lengths
 from ph_post.gcode.numbers import decimal_text
 from ph_post.gcode.program import PartProgram
+from ph_post.units import MM
 
 DECIMALS: Final = 5
 """Least decimals of a divided E: 10 nm of filament."""
+
+BEADS: Final = 20
+"""Lines that extrude and move from which on their E words show what they are."""
+
+RISING: Final = 0.95
+"""Part of those lines whose E is larger than the one before, where E words are places."""
+
+SPOOLED: Final = 5.0
+"""Filament for a way [mm/mm] that no bead has: of 1.75 mm it is one of 12 mm²."""
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
 _ROOM: Final = 100
 """Characters of the longest number that is divided."""
 
 _WORD: Final = re.compile(rb"[Ee][ \t]*(" + _NUMBER + rb")")
+_NAMES_MODE: Final = re.compile(rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Mm]0*8[23](?![\d.])", re.MULTILINE)
 _COMMAND: Final = re.compile(
     rb"^[ \t]*(?:[Nn]\d+[ \t]*)?([Gg]0*(?:[0-3]|9[012])|[Mm]0*8[23])(?![\d.])([^\r\n;]*)", re.MULTILINE
 )
@@ -55,9 +70,13 @@ class Filament(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class _Mode(msgspec.Struct, kw_only=True):
-    """State of the extruder along a program: `relative` None where it is not certain, `at` None where unknown."""
+    """State of the extruder along a program: `relative` None where it is not certain, `at` None where unknown.
+
+    `places` where the E words of a program that names no mode show that they are.
+    """
 
     relative: bool | None = None
+    places: bool = False
     named: bool | None = None
     steps: bool = False
     at: bytes | None = None
@@ -73,15 +92,43 @@ class _Mode(msgspec.Struct, kw_only=True):
         self.relative = self.named if self.named is self.steps else None
         if self.named is not self.steps:
             self.named = None
+        if self.places and not self.steps:
+            self.relative = False
+
+
+def shows_places(program: PartProgram) -> bool:
+    """Return whether the E words of a program that names no mode can only be places.
+
+    They rise from bead to bead, and as steps they would push out far more filament than any bead has.
+    """
+    if _NAMES_MODE.search(program.data):
+        return False
+    way = np.zeros(program.blocks)
+    np.add.at(way, program.motions.block, chord_lengths(program.motions))
+    before, total, path, rises, count = -math.inf, 0.0, 0.0, 0, 0
+    starts, line = program.lines.tolist(), 0
+    for match in _COMMAND.finditer(program.data):
+        word = _WORD.search(match[2])
+        if word is None or len(word[1]) > _ROOM:
+            continue
+        while starts[line + 1] <= match.start():
+            line += 1
+        value = float(word[1])
+        if _name(match[1]) != "G92" and way[line] > 0.0:
+            rises, count = rises + (value > before), count + 1
+            total, path = total + max(value, 0.0), path + float(way[line]) / MM
+        before = value
+    return count >= BEADS and rises >= RISING * count and total > SPOOLED * path
 
 
 @lru_cache(maxsize=2)
 def filament_of(program: PartProgram) -> Mapping[int, Filament]:
     """Return what can be divided of the filament of a program's lines, by line."""
     found: dict[int, Filament] = {}
-    mode = _Mode()
     if program.language.bound is None:
         return found
+    places = shows_places(program)
+    mode = _Mode(relative=False if places else None, places=places)
     passed = iter(sorted(note.last for note in program.notes))
     unknown = next(passed, program.blocks)
     starts, line = program.lines.tolist(), 0

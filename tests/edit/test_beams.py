@@ -25,7 +25,7 @@ from support.reference_player import BEGINS, Move, distance, interpret, run, tab
 from ph_post.dialects.reading import read_as
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.extrusion import filament_of
+from ph_post.edit.extrusion import filament_of, with_filament
 from ph_post.gcode.read import read_program
 from ph_post.gcode.working import tool_in_words, working_motions
 from ph_post.types import Machine
@@ -401,6 +401,33 @@ def test_marlin_s_words_leave_the_mode_of_e(dialect: str, divided: bool) -> None
     text = "G90\nM83\nG29\nT0\nG92 E0\nG1 X10 E1 F900\n"
     program = read_program(text.encode(), "a.gcode", language=find_dialect(dialect).language)
     assert bool(filament_of(program)) == divided
+
+
+@pytest.mark.parametrize(
+    ("first", "step", "head", "certain"),
+    [
+        (100.0, 0.3, "", True),
+        (100.0, 0.3, "M83\n", True),  # as it says
+        (0.0, 0.3, "", False),  # as steps 30 beads of 10 mm would have 5 mm of filament each
+        (100.0, 0.0, "", False),  # nothing, or 100 mm for 10 mm
+        (100.0, -0.3, "", False),
+    ],
+    ids=["spool", "named", "short", "constant", "back"],
+)
+def test_e_words_that_as_steps_would_push_out_a_spool_are_places(
+    first: float, step: float, head: str, certain: bool
+) -> None:
+    beads = "".join(f"G1 X{n % 2 * 10} Y{n * 0.4:.1f} E{first + n * step:.2f} F900\n" for n in range(30))
+    text = f"G90\n{head}G92 E{first}\n{beads}G91\nG1 X1 E-2\nG90\nG1 X20 E{first + 31 * step}\n"
+    program = read_program(text.encode(), "a.gcode", language=find_dialect("marlin").language)
+    found = filament_of(program)
+    bead = program.text(12).decode()
+    assert (12 in found) == certain
+    if certain:
+        steps = "M83" in head
+        number = float(bead.partition("E")[2].split()[0])
+        half = 0.5 * number if steps else number - 0.5 * step
+        assert float(with_filament(program, 12, bead, 0.0, 0.5).partition("E")[2].split()[0]) == pytest.approx(half)
 
 
 def test_where_e_is_behind_words_that_are_not_understood_is_not_known() -> None:
