@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 from weakref import WeakKeyDictionary
 
 import msgspec
@@ -235,6 +235,9 @@ def efforts(problem: AxisProblem, plant: Plant) -> Array:
     return _run(problem, plant, asked=True)[2][:: problem.parts]
 
 
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+
 Motion = tuple[Array, Array, Array]
 """Table and motor [m], and what the loops give [m] where that was asked for, else (0,)."""
 
@@ -250,32 +253,27 @@ class _Kept:
 
     def run(self, key: tuple[Plant, bool], make: Callable[[], Motion]) -> Motion:
         """Return a run that was made already, or make it."""
-        found = self._runs.pop(key, None)
-        if found is None:
-            found = make()
-        self._runs[key] = found
-        _forget(self._runs, self._many)
-        return found
+        return _kept_or_made(self._runs, key, make, self._many)
 
     def sent(
         self, key: tuple[object, ...], make: Callable[[], tuple[AxisCommand, Arriving]]
     ) -> tuple[AxisCommand, Arriving]:
         """Return a command, and how it reaches the loop, that was made already, or make it."""
-        found = self._sent.pop(key, None)
-        if found is None:
-            found = make()
-        self._sent[key] = found
-        _forget(self._sent, LEAST_KEPT)
-        return found
+        return _kept_or_made(self._sent, key, make, LEAST_KEPT)
 
 
 _KEPT: Final[WeakKeyDictionary[AxisProblem, _Kept]] = WeakKeyDictionary()
 
 
-def _forget(kept: dict[Any, Any], many: int) -> None:
-    """Let go of what was not asked for longest."""
+def _kept_or_made(kept: dict[Key, Value], key: Key, make: Callable[[], Value], many: int) -> Value:
+    """Return what is kept, or make it, and let go of what was not asked for longest."""
+    found = kept.pop(key, None)
+    if found is None:
+        found = make()
+    kept[key] = found
     while len(kept) > many:
         del kept[next(iter(kept))]
+    return found
 
 
 def _run(problem: AxisProblem, plant: Plant, *, asked: bool) -> Motion:

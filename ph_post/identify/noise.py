@@ -145,9 +145,9 @@ def _refined(commands: Array, lag: float) -> float:
             above += float(apart[near] @ speed[near])
             below += float(speed[near] @ speed[near])
         # A minimum between samples is no farther from the rough one: beyond nothing repeats itself.
-        if below == 0.0 or not abs(lag - above / below - rough) <= 1.0:
+        lag -= above / below if below else np.inf
+        if not abs(lag - rough) <= 1.0:
             return rough
-        lag -= above / below
     return lag
 
 
