@@ -44,7 +44,7 @@ class BeamGuard:
         motion, works = int(row[MOTION]), self.works
         rests = row[SIGN] == 0.0 or before == 0
         if not self.is_beam:
-            return bool(self.tends and works.stays[motion] and rests and not behind_rapid)
+            return bool(self.tends and works.stays[motion] and row[SIGN] == 0.0 and not behind_rapid)
         if row[SHARE] == 1.0 and self.off_behind(motion) is not None:
             return False
         if row[SIGN] == 0.0:

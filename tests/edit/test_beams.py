@@ -373,6 +373,27 @@ def test_a_bead_has_no_dwell_and_no_travel(shape: str, relative: bool) -> None:
     assert lines[beads[-1] + 1].startswith("G1 E")
 
 
+@pytest.mark.parametrize("relative", [True, False], ids=["M83", "M82"])
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_a_print_that_begins_with_a_bead_has_its_axes_led_onto_their_first_sides(shape: str, relative: bool) -> None:
+    """Each once, where it begins to move, while the path stands there: no rapid led to the first place."""
+    whole = printed(SHAPES[shape], relative).splitlines(keepends=True)
+    begin = "G92 X{:.4f} Y{:.4f} E0\n".format(*SHAPES[shape][0])
+    text = "".join([*whole[:3], begin, *whole[6:]])
+    found = judge(Entry("print", Path("print.gcode"), "marlin", text))
+    assert found.compensated == found.reversals > 1
+    assert found.followed == found.shown > 1
+    assert found.rms is not None
+    # Until X has moved through its backlash it is where nobody knows.
+    assert 5.0 * found.rms[1] < found.rms[0]
+    assert found.rms[0] > 0.01
+    lines = made(text, stepper(dialect="marlin")).splitlines()
+    rests = [n for n, line in enumerate(lines) if line.startswith("G4")]
+    assert 2 <= len(rests) <= 6
+    crossings = [n for n, line in enumerate(lines) if line.startswith("; ph-post: +") and "crossing" in line]
+    assert rests[-1] < crossings[-1]
+
+
 @pytest.mark.parametrize(
     ("modes", "certain"),
     [
