@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Final
 
+import msgspec
+
 from ph_post.api.expansion import written_out
 from ph_post.api.further_axes import shifted_original
 from ph_post.api.inputs import Source, any_machine
 from ph_post.api.options import require_number
+from ph_post.dialects.declaration import in_own_lines
 from ph_post.dialects.reading import read_program_file, read_program_pair
 from ph_post.dialects.registry import find_dialect
 from ph_post.diff import compare
@@ -88,7 +91,13 @@ def verify(
     first = verify_shifted(written_out(programs[0], shifted[1]), shifted[0], drives)
     if not first.ok:
         return first
-    return verifying.verify(shifted[0], programs[1], tolerance=tolerance, machine=drives)
+    found = verifying.verify(shifted[0], programs[1], tolerance=tolerance, machine=drives)
+    plain = in_own_lines(shifted[0])
+    named = [
+        one if one.original is None else msgspec.structs.replace(one, original=plain.own_line(one.original - 1) + 1)
+        for one in found.failures
+    ]
+    return msgspec.structs.replace(found, failures=tuple(named))
 
 
 def diff(

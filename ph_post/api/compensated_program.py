@@ -22,7 +22,7 @@ from ph_post.edit.preconditions import reckoned_feeds
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.errors import PhPostError
 from ph_post.files.check import counted
-from ph_post.gcode.paths import ProgramPath, line_words
+from ph_post.gcode.paths import ProgramPath, line_words, own_words
 from ph_post.gcode.program import Note, PartProgram
 from ph_post.progress import Progress, no_progress
 from ph_post.types import Machine
@@ -109,7 +109,8 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Warnings, a sentence each; stretches that are passed through come first, of each cause the first ones."""
         edits = () if self.edits is None else self.edits.warnings
         passed = _passed(self.before.name, self.before.notes)
-        return (*passed, *(_lead_notes(self.after) if self.done else ()), *edits)
+        said = (*passed, *(_lead_notes(self.after) if self.done else ()), *edits)
+        return tuple(own_words(self.before, word) for word in said)
 
 
 def _passed(name: str, notes: Sequence[Note]) -> Iterator[str]:
@@ -155,7 +156,7 @@ def head_notes(program: PartProgram, warnings: Sequence[str]) -> tuple[str, ...]
     passed = (f"{line_words(note.first, note.last)}: {note.what}: passed through unchanged" for note in program.notes)
     words = [f"warning: {word}" for word in (*passed, *warnings)]
     more = [f"{len(words) - NOTED} more warnings"] if len(words) > NOTED else []
-    return (*words[:NOTED], *more)
+    return (*(own_words(program, word) for word in words[:NOTED]), *more)
 
 
 def refusal(name: str, verdict: Verdict) -> PhPostError:

@@ -13,7 +13,7 @@ from ph_post.api.compensated_program import ProgramRequest
 from ph_post.api.inputs import program_in
 from ph_post.api.results import AxisReversals
 from ph_post.compensate.strategies.registry import find_traits
-from ph_post.dialects.declaration import comment_pattern, read_facts
+from ph_post.dialects.declaration import comment_pattern, in_own_lines, read_facts
 from ph_post.dialects.registry import find_dialect
 from ph_post.edit.further_edits import FurtherAxisPlan, plan_further
 from ph_post.edit.further_write import FurtherRequest, write_further
@@ -143,7 +143,7 @@ def shifted_job(
     after = reread(base, data)
     verdict = verify_shifted(base, after, machine)
     if verdict.ok:
-        return msgspec.structs.replace(found, job=found.told(after), changed=True)
+        return msgspec.structs.replace(found, job=found.told(in_own_lines(after)), changed=True)
     names = ", ".join(plan.axis.name for plan in (*plans, *drilled.axes))
     why = f"the program does not pass its own check: {verdict.failures[0].sentence()}"
     return ShiftedJob(job=base, warnings=(*said, f"axes {names} not compensated: {why}"))

@@ -33,7 +33,7 @@ from ph_post.compensate.friction import friction_of_machine
 from ph_post.compensate.plan_warnings import doubtful_values, round_up
 from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.dialects.base import Dialect
-from ph_post.dialects.declaration import CORRECTED, THREADS, Declaration, line_origins, read_declaration
+from ph_post.dialects.declaration import CORRECTED, THREADS, Declaration, in_own_lines, line_origins, read_declaration
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.affordable import SPARE
@@ -262,7 +262,7 @@ def _original(program: PartProgram, machine: Machine, request: ProgramRequest) -
     """Return the program before any compensation: the input itself where there was none."""
     found = read_declaration(program.data)
     if found is None:
-        return program
+        return in_own_lines(program)
     asked = (package_version(), machine.digest, request.digest(machine.dialect))
     had = (found.version, found.machine_digest, found.options_digest)
     same = had[0] == asked[0] and all(new.startswith(old) for old, new in zip(had, asked, strict=True))
@@ -272,7 +272,7 @@ def _original(program: PartProgram, machine: Machine, request: ProgramRequest) -
             f"compensated before, by ph-post {found.version} for {found.machine}",
             expected="the original, or --force to begin again from it, or --undo",
         )
-    return original_of(program) or program
+    return in_own_lines(original_of(program) or program)
 
 
 class _EditPlanner:

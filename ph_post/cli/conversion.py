@@ -305,6 +305,7 @@ def compensated_or_original(
     """
     from ph_post.api.compensated_program import CompensatedProgram
     from ph_post.api.inputs import program_in
+    from ph_post.dialects.declaration import in_own_lines
     from ph_post.drive.axes import check_axes
     from ph_post.edit.undo import original_of
     from ph_post.simulate.controllers.moves import moved_axes
@@ -314,7 +315,7 @@ def compensated_or_original(
     check_axes(moved_axes(program), "program", machine, f"machine {machine.name}")
     original = original_of(program, f"original of {program.name}")
     if original is not None:
-        return CompensatedProgram(before=original, after=program, done=True)
+        return CompensatedProgram(before=in_own_lines(original), after=program, done=True)
     return converted_program(raw, {**how, "machine": machine}, progress).edited
 
 

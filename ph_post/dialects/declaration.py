@@ -12,7 +12,9 @@ import numpy as np
 
 from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError
+from ph_post.expand.writing import SHIFTED
 from ph_post.gcode.language import RS274, Language
+from ph_post.gcode.lexer import split_lines
 from ph_post.gcode.numbers import PARENTHESES, Comments, comment_lines, decimal_text
 from ph_post.gcode.program import PartProgram
 from ph_post.types import BoolArray, IntArray
@@ -185,6 +187,8 @@ def change_marks(data: bytes, end: int) -> Iterator[re.Match[bytes]]:
 
 _OWN_LINE: Final = comment_pattern(r"ph-post[ :][^)\r\n]*", alone=True)
 _OWN_FURTHER: Final = comment_pattern(r"  [^)\r\n]*", alone=True)
+_SHIFTED_LINE: Final = comment_pattern(rf"{SHIFTED.mark}[^)\r\n]*", alone=True)
+_SHIFTED_MARK: Final = comment_pattern(rf"{SHIFTED.mark}\+(\d+) -(\d+)[^)\r\n]*")
 
 
 class LineOrigins(NamedTuple):
@@ -209,19 +213,40 @@ def line_origins(program: PartProgram, original: PartProgram) -> LineOrigins | N
         return None
     if declaration is None or declaration.digest.lower() != original.digest:
         return None
+    return _origins(program, original.blocks, (_OWN_LINE, CHANGE_MARK))
+
+
+def in_own_lines(program: PartProgram) -> PartProgram:
+    """Return a program that knows its lines before axes beside X, Y and Z, or holes, were shifted: those people know.
+
+    What was added stands for the line behind it. A program of which none were shifted is returned itself.
+    """
+    kept = SHIFTED.read(program.data, program.name) if is_written_here(program.data) else None
+    if kept is None or program.origins is not None:
+        return program
+    lines = split_lines(np.frombuffer(kept.original, np.uint8)).size - 1
+    found = _origins(program, lines, (_SHIFTED_LINE, _SHIFTED_MARK))
+    return program if found is None else msgspec.structs.replace(program, origins=np.minimum(found.first, lines - 1))
+
+
+def _origins(
+    program: PartProgram, lines: int, patterns: tuple[re.Pattern[bytes], re.Pattern[bytes]]
+) -> LineOrigins | None:
+    """Tell the lines of a program from those that comments and marks, by their patterns, say were added."""
+    own, mark = patterns
     taken, replaced = np.ones(program.blocks, dtype=np.int64), np.zeros(program.blocks, dtype=np.int64)
     changed = np.zeros(program.blocks, dtype=np.bool_)
-    for pattern in (_OWN_LINE, _OWN_FURTHER):
+    for pattern in (own, _OWN_FURTHER):
         for line, _ in _lines_with(pattern, program):
-            if pattern is _OWN_LINE or (line and not taken[line - 1]):
+            if pattern is own or (line and not taken[line - 1]):
                 taken[line] = 0
-    for line, found in _lines_with(CHANGE_MARK, program):
+    for line, found in _lines_with(mark, program):
         added, old = map(int, mark_text(found))
         taken[line], taken[line + 1 : line + 1 + added] = old, 0
         replaced[line + 1 : line + 1 + added] = old
         changed[line : line + 1 + added] = True
     end = np.cumsum(taken)
-    if end[-1] != original.blocks:
+    if end[-1] != lines:
         return None
     return LineOrigins(end - np.maximum(taken, replaced), end, changed)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Final
@@ -151,6 +152,38 @@ def line_words(first: int, last: int) -> str:
     ('line 3', 'lines 1 to 5')
     """
     return f"line {first + 1}" if first == last else f"lines {first + 1} to {last + 1}"
+
+
+_LINES: Final = re.compile(r"\b(lines? )(\d+)(?:( to )(\d+))?")
+"""Lines that a sentence names, as :func:`line_words` does."""
+
+
+def own_words(program: PartProgram, words: str) -> str:
+    r"""Return a sentence that names lines of a program, with those of the person's own program that they stand for.
+
+    Examples
+    --------
+    It stays where the program is the person's own:
+
+    >>> from ph_post.gcode.read import read_program
+    >>> own_words(read_program(b"G1 X1\n", "a.ngc"), "axis X not compensated in line 1")
+    'axis X not compensated in line 1'
+    """
+    if program.origins is None:
+        return words
+
+    def own(found: re.Match[str]) -> str:
+        before, first, to, last = found.groups()
+        numbers = [int(number) for number in (first, last) if number is not None]
+        if not all(0 < number <= program.blocks for number in numbers):
+            return found[0]
+        counted = [str(program.own_line(number - 1) + 1) for number in numbers]
+        if last is not None and counted[0] == counted[1] and before == "lines ":
+            return f"line {counted[0]}"
+        return before + (to or "").join(counted)
+
+    there = re.compile(rf"(^{re.escape(program.name)}:)(\d+)(?:( to )(\d+))?")
+    return _LINES.sub(own, there.sub(own, words))
 
 
 SHOWN: Final = 3

@@ -397,7 +397,8 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `poles` are the centres (X, Y, Z) [units] that lines of their own set, None where not known or not set;
     `centre_users` by the line of what turns about one the line that sets it, and whether that is an arc that is
     understood. `rests` [s] are times for which X, Y and Z rest on lines that move other axes, where a model of the
-    controller has worked them out. `source` has the words.
+    controller has worked them out. `source` has the words. `origins` are the lines, from 0, by which people know those
+    of a program that was made of theirs, shape (n,), None where it is theirs.
     """
 
     name: str
@@ -416,6 +417,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     poles: Mapping[int, tuple[float | None, ...]] = {}
     centre_users: Mapping[int, tuple[int, bool]] = {}
     rests: Mapping[int, float] = {}
+    origins: IntArray | None = None
 
     @property
     def words(self) -> WordTable:
@@ -436,6 +438,15 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def blocks(self) -> int:
         """Number of lines."""
         return self.lines.size - 1
+
+    def own_line(self, block: int) -> int:
+        """Return the line of the person's own program, from 0, for which a line stands."""
+        return block if self.origins is None else int(self.origins[block])
+
+    def own_lines_of(self, motions: IntArray) -> IntArray:
+        """Return the lines of the person's own program, from 0, on which motions are (k,)."""
+        blocks = self.motions.block[motions].astype(np.int64)
+        return blocks if self.origins is None else self.origins[blocks]
 
     @property
     def begin_line(self) -> int | None:

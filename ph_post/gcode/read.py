@@ -374,7 +374,7 @@ def with_contours(program: PartProgram) -> PartProgram:
         # Half of a thread is none.
         language = msgspec.structs.replace(program.language, threads=False)
         return with_contours(msgspec.structs.replace(program, language=language))
-    return found
+    return msgspec.structs.replace(found, origins=program.origins)
 
 
 def _misses_threads(program: PartProgram) -> bool:
