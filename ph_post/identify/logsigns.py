@@ -149,9 +149,14 @@ def _effort(name: str, axis: AxisLog, reading: Array, period: float, header: str
     gain = np.gradient(speed, period)
     effort = gaussian_filter1d(np.where(known, axis.effort, 0.0), SMOOTHING)
     moves = known & _moves(speed)
+    ends = int(4.0 * SMOOTHING) + 2  # where a log begins or ends in motion it is smoothed to a stop
+    moves[:ends] = moves[-ends:] = False
     if np.count_nonzero(moves) < 200:
         return
-    both = [_likeness(effort[moves], one[moves]) for one in (gain, np.sign(speed), speed)]
+    # A force that drives the table, as cutters do, hides what speeds up in what goes with the speed.
+    losses = np.stack([np.sign(speed[moves]), speed[moves], np.ones(np.count_nonzero(moves))], axis=1)
+    both = [_likeness(effort[moves], one[moves]) for one in (np.sign(speed), speed)]
+    both.append(_likeness(_beside(effort[moves], losses), _beside(gain[moves], losses)))
     if min(both) < -AGAINST and max(both) < AGAINST / 3.0:
         column = f"{name}_force" if axis.effort_unit == "N" else f"{name}_current"
         raise InputError(
@@ -188,6 +193,12 @@ def _pushes(name: str, axis: AxisLog, period: float) -> Iterator[str]:
 def _moves(speed: Array) -> BoolArray:
     size = np.abs(speed)
     return np.asarray(size > MOVES * np.max(size))
+
+
+def _beside(values: Array, columns: Array) -> Array:
+    """Return what of some values (n,) no sum of columns (n, k) gives."""
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    return np.asarray(values - columns / size @ np.linalg.lstsq(columns / size, values, rcond=None)[0])
 
 
 def _likeness(one: Array, other: Array) -> float:

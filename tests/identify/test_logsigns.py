@@ -108,6 +108,14 @@ def test_an_effort_of_the_other_sign(tmp_path: Path) -> None:
     assert read(tmp_path, wrong, "X_force=X_force*-1:N") == ()
 
 
+def test_an_effort_that_holds_back_what_a_cut_drives(tmp_path: Path) -> None:
+    """It pushes along the path; only what is left beside the speed says that the effort speeds the axis up."""
+    found = without("act")
+    speed = np.gradient(motion(T - LAG, 2.0), 1e-3)
+    driven = found | {"X_force": 0.05 * np.gradient(speed, 1e-3) - 10.0 * speed}
+    assert read(tmp_path, driven) == ()
+
+
 @pytest.mark.parametrize(
     ("copied", "late", "words"),
     [
