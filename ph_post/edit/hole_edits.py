@@ -21,7 +21,13 @@ from ph_post.dialects.base import Dialect
 from ph_post.edit.changes import Change
 from ph_post.edit.edits import EditOptions
 from ph_post.edit.further_edits import FurtherAxisPlan, Stand
-from ph_post.edit.preconditions import double_compensation, why_not_editable, word_decimals, written_offsets
+from ph_post.edit.preconditions import (
+    double_compensation,
+    why_mixed,
+    why_not_editable,
+    word_decimals,
+    written_offsets,
+)
 from ph_post.gcode.holes import ACROSS, TAPS, HoleRun, goes_on, hole_runs, place_before
 from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import PartProgram
@@ -72,7 +78,7 @@ def plan_holes(program: PartProgram, machine: Machine, dialect: Dialect, options
     runs = hole_runs(program) if axes and dialect.abilities.drills else []
     if not runs:
         return HolePlan()
-    troubles = why_not_editable(program)
+    troubles = [*why_not_editable(program), *why_mixed(program)]
     units = {program.modal_after(hole.block).units for run in runs for hole in run.holes}
     if len(units) > 1 or troubles:
         why = [*troubles, "they are in mm and in inches"][0]

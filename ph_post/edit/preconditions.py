@@ -231,6 +231,7 @@ def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
         "a line's feed changes on its way, or it moves more than once": several,
         "the feed is not known (G95, units of the control's own, or no F yet)": without_feed(program),
         "contains a NURBS (G5.2)": motions.kind == NURBS,
+        "its units are not those of most of the program": in_other_units(program) & (motions.kind != RAPID),
         "contains an arc from a place that is not known": np.asarray(_from_nowhere(program).any(axis=1)),
         "contains a G5 that continues the one before it, without I and J": _continued(program),
     }
@@ -296,16 +297,36 @@ def why_not_editable(program: PartProgram) -> list[str]:
             troubles.append(f"line {block + 1} turns the work system (G10 with R) away from the axes")
     if program.language.stays is not None and (why := program.language.stays(program.data)):
         troubles.append(why)
-    if len(program_units(program)) > 1:
-        troubles.append("it moves in mm and in inches")
     return troubles
 
 
+def why_mixed(program: PartProgram) -> list[str]:
+    """Return the reason why what needs one unit in all of a program cannot be done; empty where it has one."""
+    return ["it moves in mm and in inches"] if len(program_units(program)) > 1 else []
+
+
+def in_other_units(program: PartProgram) -> BoolArray:
+    """Mask of the motions (m,) whose numbers have another unit than most cuts of the program."""
+    units = program_units(program)
+    if len(units) <= 1:
+        return np.zeros(program.motions.kind.size, dtype=np.bool_)
+    return np.asarray(_motion_units(program) != units[0])
+
+
+def _motion_units(program: PartProgram) -> Array:
+    """Return the unit of the numbers of every motion, shape (m,) [m]."""
+    return np.asarray(np.array([one.units for one in program.modal])[program.state[program.motions.block]])
+
+
 def program_units(program: PartProgram) -> list[float]:
-    """Units [m] in which a program moves, linear axes beside X, Y and Z too."""
+    """Units [m] in which a program moves, linear axes beside X, Y and Z too; that of most cuts comes first."""
     words, letters = program.commands, [ord(name) for name in program.language.further if name not in ROTARY_AXES]
     used = np.unique(program.state[np.append(program.motions.block, words.block[np.isin(words.letter, letters)])])
-    return sorted({program.modal[number].units for number in used.tolist()})
+    found = sorted({program.modal[number].units for number in used.tolist()})
+    if len(found) > 1:
+        cuts = _motion_units(program)[program.motions.kind != RAPID]
+        found.sort(key=lambda unit: -np.count_nonzero(cuts == unit))
+    return found
 
 
 def double_compensation(program: PartProgram, dialect: Dialect, machine: Machine) -> list[str]:

@@ -19,7 +19,7 @@ from ph_post.edit.block_words import COMMENT, line_end, longest_line
 from ph_post.edit.changes import Change, ChangeWriter
 from ph_post.edit.edits import EditOptions, Edits, dwell_time, no_offsets
 from ph_post.edit.motion_edits import schedule, stops_written
-from ph_post.edit.preconditions import own_setting, program_units, word_decimals
+from ph_post.edit.preconditions import in_other_units, own_setting, program_units, word_decimals
 from ph_post.edit.undo import Payload, payload_lines, restores, without_payload
 from ph_post.edit.word_shifts import (
     LONGEST,
@@ -178,8 +178,8 @@ def _refuse_marks(program: PartProgram) -> None:
 def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration) -> bytes:
     """Write the new text, with the payload that undo needs."""
     units = program_units(program)
-    if len(units) > 1 and np.any(edits.runs.value):
-        raise InputError(program.name, "the program moves in both mm and inches: no offset can be added")
+    if len(units) > 1 and np.any(edits.offset[in_other_units(program)]):
+        raise InputError(program.name, "the program moves in both mm and inches: one of them can have offsets")
     decimals = word_decimals(dialect, units[0])
     step = units[0] * 10.0**-decimals
     numbers, changes = _numbers_and_changes(program, edits, dialect, declaration, decimals, step)

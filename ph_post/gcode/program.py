@@ -99,9 +99,10 @@ NurbsData = tuple[int, Array, Array]
 """Order, control points (k, 3) [m] and weights (k,) of a NURBS."""
 
 BreakKind = Literal[
-    "beginning", "end", "tool change", "probe", "home", "machine coordinates", "frame", "not understood"
+    "beginning", "end", "tool change", "probe", "home", "machine coordinates", "frame", "units", "not understood"
 ]
-"""What separates two chains. `frame`: work offset, G92, tool length, units of the offset tables (G10)."""
+"""What separates two chains. `frame`: work offset, G92, tool length, units of the offset tables (G10); `units`: motions
+in mm and in inches, whose numbers have other steps."""
 
 
 class WordTable(msgspec.Struct, frozen=True, kw_only=True, eq=False):

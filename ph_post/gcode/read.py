@@ -50,7 +50,7 @@ from ph_post.gcode.words import (
     lines_of,
     read_words,
 )
-from ph_post.types import Array, sealed, unwritten
+from ph_post.types import Array, BoolArray, sealed, unwritten
 from ph_post.units import INCH, MM
 
 _TEXTS: Final = {
@@ -105,6 +105,7 @@ _KINDS: Final[tuple[tuple[int, BreakKind], ...]] = (
     (codes.FRAME_CHANGE, "frame"),
 )
 _NOT_UNDERSTOOD: Final = len(_KINDS)
+_UNITS: Final = _NOT_UNDERSTOOD + 1
 
 
 def find_notes(lexed: Lexed, data: bytes, found: _Blocks) -> tuple[Note, ...]:
@@ -172,24 +173,39 @@ def _is_meant(letter: str, value: float, why: int) -> bool:
     return letter in _LETTERS.get(why, "")
 
 
-def find_breaks(motion_block: PlaceArray, marks: ByteArray, whys: ByteArray, end: int) -> tuple[Break, ...]:
+def find_breaks(
+    motion_block: PlaceArray, marks: ByteArray, whys: ByteArray, switched: BoolArray, end: int
+) -> tuple[Break, ...]:
     """Put the breaks in order, from the beginning to the `end` of the program.
 
-    Those of one kind without a motion between them are one: its block is the first.
+    Those of one kind without a motion between them are one: its block is the first. Units are `switched` at blocks.
     """
-    blocks = np.flatnonzero((marks & (codes.END - 1)) | whys)
-    kind = np.full(blocks.size, _NOT_UNDERSTOOD)
+    marked = (marks & (codes.END - 1)) | whys
+    blocks = np.flatnonzero(marked | switched)
+    kind = np.where(marked[blocks], _NOT_UNDERSTOOD, _UNITS)
     for number in range(len(_KINDS) - 1, -1, -1):
         kind[(marks[blocks] & _KINDS[number][0]) != 0] = number
     motion = np.searchsorted(motion_block, blocks.astype(np.int32))
     keep = np.r_[True, (np.diff(motion) != 0) | (np.diff(kind) != 0)][: blocks.size]
-    names: tuple[BreakKind, ...] = (*(name for _, name in _KINDS), "not understood")
+    names: tuple[BreakKind, ...] = (*(name for _, name in _KINDS), "not understood", "units")
     inner = tuple(
         Break(block=int(b), motion=int(m), kind=names[k])
         for b, m, k in zip(blocks[keep], motion[keep], kind[keep], strict=True)
     )
     first = Break(block=0, motion=0, kind="beginning")
     return (first, *inner, Break(block=end, motion=motion_block.size, kind="end"))
+
+
+def _switched_units(motion_block: PlaceArray, found: _Blocks) -> BoolArray:
+    """Mark the first block behind a motion at which the units are no longer those of it, where the next has others."""
+    switched, units = np.zeros(found.states.size, dtype=np.bool_), found.table[:, codes.UNITS]
+    if (units == units[0]).all():
+        return switched
+    used = units[found.states[motion_block]]
+    for row in np.flatnonzero(used[1:] != used[:-1]).tolist():
+        first, last = motion_block[row] + 1, motion_block[row + 1]
+        switched[first + np.argmax(units[found.states[first : last + 1]] != used[row])] = True
+    return switched
 
 
 _OPENED: Final = re.compile(rb"\s*%")
@@ -306,7 +322,7 @@ def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartPr
         notes = (*notes, Note(first=first, last=lines.size - 2, column=1, what=what))
     rests = np.isin(blocks.whys, (codes.STAYING_G, codes.STAYING_M)) & (blocks.tasks == codes.REST)
     lost = np.where((blocks.whys < codes.QUIET) & ~rests, blocks.whys, 0)
-    breaks = find_breaks(motions.block, blocks.marks, lost, blocks.end)
+    breaks = find_breaks(motions.block, blocks.marks, lost, _switched_units(motions.block, blocks), blocks.end)
     number = narrowed(np.arange(len(breaks) - 1))
     chain = np.repeat(number, np.diff([one.motion for one in breaks]))
     return PartProgram(

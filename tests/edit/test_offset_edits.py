@@ -287,7 +287,6 @@ def test_the_dead_band_is_raised_before_an_axis_is_given_up() -> None:
     ("text", "why"),
     [
         ("G21 G90\nG0 X0\nG95 G1 X10 F0.1\nX0\nM2\n", "feed"),
-        ("G21 G90 F600\nG0 X0 Y0\nG1 X10\nG20\nX0\nM2\n", "inches"),
         ("G21 G90 F600\nG10 L2 P1 R30\nG0 X0 Y0\nG1 X10\nX0\nM2\n", "turns the work system"),
         ("N1 G21 G90 F600*1\nN2 G0 X0*2\nN3 G1 X10*3\nN4 X0*4\nM2\n", "checksum"),
     ],
@@ -297,6 +296,15 @@ def test_what_is_left_alone_is_named(text: str, why: str) -> None:
     assert not edits.stops
     assert not edits.offset.any()
     assert any(why in said for said in edits.warnings)
+
+
+def test_cuts_in_other_units_are_named_and_have_no_offset() -> None:
+    edits = plan("G21 G90 F600\nG0 X0 Y0\nG1 X10\nX0\nG20\nX1\nX0\nG21\nX9\nX0\nM2\n", dialect="grbl")
+    assert [bool(any(row)) for row in edits.offset] == [True, True, False, False, False, True, False]
+    assert any(
+        said == "not compensated in lines 6 to 7: its units are not those of most of the program"
+        for said in edits.warnings
+    )
 
 
 def test_steps_from_an_unknown_place_are_named() -> None:

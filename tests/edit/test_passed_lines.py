@@ -71,6 +71,28 @@ def test_a_defect_leaves_the_rest_to_be_compensated_and_is_not_touched(name):
     hold(before, after)
 
 
+INCHES = "G20 G90 G17 G94 F20\nG64 P0.0002 Q0\n" + 2 * "G0 X0.8 Y0 Z0.2\nG1 Z-0.04\nG3 X0.8 Y0 I-0.8\nG0 Z0.2\n"
+
+
+@pytest.mark.parametrize(
+    "behind", ["G0 X0 Y0 Z30\n", "G0 X9 Y0\nG1 Z-1 F500\nG2 X9 Y0 I-9\nG0 Z30\n"], ids=["rapid", "cut"]
+)
+def test_what_is_not_in_the_units_of_most_cuts_stays_as_it_is(behind):
+    """By the tests' own interpreters the cuts in inches are compensated; what follows G21 is the original."""
+    before = f"{INCHES}G21\n{behind}M2\n".encode()
+    after = compensated(read_program(before, "a.ngc"), MACHINE, LINUXCNC)
+    assert f"\nG21\n{behind}M2\n".encode() in after
+    hold(before, after)
+    one, other = (data.split(b"\nG21\n")[0] + b"\nM2\n" for data in (before, after))
+    found = compare(Judged("compensated"), "linuxcnc", one, other)
+    assert found.shown >= 8
+    assert found.followed == found.shown
+    assert found.rms[1] < found.rms[0] / 20
+    # Where the units change the motors are where the original has them.
+    ends = [interpret(data.decode(), BEGINS[0])[-1].end for data in (one, other)]
+    np.testing.assert_allclose(*ends, atol=1e-9)
+
+
 def test_increments_alone_are_compensated():
     before = b"G21 G91 G17 G94 F600\nG64 P0.005 Q0\nG0 X1 Y1 Z1\nG1 Z-2\nG2 I20\nG1 X-9\nG3 X-20 Y20 J20\nG0 Z2\nM2\n"
     after = compensated(read_program(before, "a.ngc"), MACHINE, LINUXCNC)

@@ -14,7 +14,7 @@ from support.reference_player import interpret
 
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import CrossingEdit, CrossingPart, DipEdit, Edits, OffsetShift, StopEdit, runs_of
-from ph_post.edit.preconditions import why_not_editable
+from ph_post.edit.preconditions import why_mixed
 from ph_post.edit.undo import undo
 from ph_post.errors import InputError
 from ph_post.gcode.program import RAPID
@@ -381,10 +381,10 @@ def test_words_in_comments_and_deleted_blocks_stay() -> None:
 
 def test_axes_beside_x_y_and_z_move_in_units_too() -> None:
     program = read_program(b"G21 G90 F60\nG0 X0 U0\nG1 X5\nG20\nU1\nG21\nX1\nM2\n", "part.ngc")
-    assert why_not_editable(program) == ["it moves in mm and in inches"]
+    assert why_mixed(program) == ["it moves in mm and in inches"]
 
 
-def test_a_program_in_two_units_carries_no_offset() -> None:
+def test_what_is_in_other_units_carries_no_offset() -> None:
     program = read_program(b"G21 G90 F60\nG0 X0\nG1 X5\nG20\nX1\nM2\n", "part.ngc")
     offset = np.full((3, 3), 0.01 * MM)
     with pytest.raises(InputError, match="in both mm and inches"):
