@@ -57,6 +57,30 @@ def test_the_centre_is_set_again_behind_a_change():
     assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=MACHINE).ok
 
 
+@pytest.mark.parametrize(
+    ("plane", "upright"),
+    [
+        ("SPA0 SPB+0 SPC-0.0 STAY SEQ+ TABLE ROT", True),
+        ("SPA+0 SPB+0 SPC+0 MOVE DIST50 F2000 TABLE ROT", True),
+        ("SPA0 SPB0 SPC30 STAY TABLE ROT", False),
+        ("SPA0 SPB+Q5 SPC0 STAY TABLE ROT", False),
+        ("SPA0 SPB0 SPC0 STAY COORD ROT", False),
+        ("SPA0 SPB0 SPC0 STAY", False),
+    ],
+)
+def test_a_plane_that_no_angle_turns_is_the_machine_s(plane, upright):
+    """With all spatial angles 0 and TABLE ROT the axes are X, Y and Z, as the tests' own interpreter plays them."""
+    cut = ["L X+20 Y+0 Z+5 FMAX", "L Z-1 F300", "CC X+0 Y+0", "C X+20 Y+0 DR+ F600", "L Z+5 FMAX", "M5"]
+    lines = ["BEGIN PGM A MM", "L X+0 Y+0 Z+50 FMAX", f"PLANE SPATIAL {plane}", *cut, "END PGM A MM"]
+    text = "".join(f"{number} {line}\n" for number, line in enumerate(lines))
+    one = KLARTEXT.compensate(text.encode())
+    assert ("crossing" in one.text.decode()) == upright
+    if upright:
+        for side in (-1.0, 1.0):
+            assert KLARTEXT.away(one.text.decode(), KLARTEXT.run(text), side).max() < 0.0045
+        assert verify(one.program, reread(one.program, one.text), tolerance=5e-6, machine=MACHINE).ok
+
+
 def test_rapids_in_increments_keep_their_numbers():
     """An increment takes no offset: what changes in the air changes ahead of the rapid."""
     lines = ["L X+4 Y+0 Z+5 R0 FMAX", "L IX+1 IY+4 R0 FMAX", "L IZ-6 F300", "L IY+9 F600", "L IZ+6 FMAX"]

@@ -46,6 +46,13 @@ _CALLED: Final = frozenset((*range(1, 7), 17, 18, *range(200, 210), 240, 241, *r
 _OTHERS: Final = re.compile(r"CTP|CT|LP|LCT|LN|FPOL|FLT|FL|FCT|FC|APPR|DEP|SPL")
 _TANGENTIAL: Final = re.compile(r"CTP?$|FCT$|FLT$|DEP$")
 _INCLINED: Final = "PLANE"
+_UPRIGHT: Final = re.compile(
+    r"PLANE\s+(?:RESET\b|SPATIAL\s+(?:SP[ABC]\s*[-+]?0*\.?0*(?![\d.])\s*){3}.*\bTABLE\s+ROT\b)"
+)
+"""A plane that is the machine's. Spatial angles, of which none turns it, are those from the machine's fixed coordinates
+(iTNC 530, User's Manual, "PLANE SPATIAL"). The table is free then to turn about the tool: with TABLE ROT it goes to the
+angle that is said, and X and Y are the axes; with COORD ROT, on some controls, they turn with the table (TNC7, "COORD
+ROT and TABLE ROT")."""
 _TIP: Final = re.compile(r"FUNCTION\s+(RESET\s+)?TCPM\b")
 """Rotary axes about the tool's tip, as M128 has them (TNC 640, User's Manual, Conversational, 12, "FUNCTION TCPM")."""
 
@@ -165,7 +172,7 @@ class _KlartextFollower:
         if word in ("RND", "CHF") or re.match(r"(?:RND|CHF)\s*[R\d]", source):
             self.tnc.corner(source)
         if word == _INCLINED:
-            return self.tnc.turned("PLANE", "RESET" not in source)
+            return self.tnc.turned("PLANE", _UPRIGHT.match(source) is None)
         if tip := _TIP.match(source):
             return self.tnc.turned("TCPM", tip[1] is None)
         if word == "STOP" or re.fullmatch(r"(?:M\s*\d+\s*)+", source):
