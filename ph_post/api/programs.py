@@ -40,7 +40,7 @@ from ph_post.edit.affordable import SPARE
 from ph_post.edit.cutter_contours import LEFT
 from ph_post.edit.edits import EditOptions, Edits, merge_edits, no_offsets
 from ph_post.edit.offset_edits import plan_offsets
-from ph_post.edit.preconditions import reckoned_feeds, require_tool, warn_centres, warn_reckoned
+from ph_post.edit.preconditions import reckoned_feeds, require_tool, require_words, warn_centres, warn_reckoned
 from ph_post.edit.reversal_search import stretch_words
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.threads import THREAD_LEFT, Threads
@@ -119,6 +119,7 @@ def compensate_program(
     check_block_time(request.edit.block_time, machine.servo_period)
     original = _original(program, machine, request)
     original.source.let_go()
+    require_words(original)
     require_tool(original, machine)
     if original is not program and not request.force:
         head = read_declaration(program.data)

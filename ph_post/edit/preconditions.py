@@ -21,10 +21,13 @@ from ph_post.edit.lagging_crossings import SHORT_LAG
 from ph_post.edit.reversals import chain_spans
 from ph_post.errors import InputError
 from ph_post.files.check import counted
+from ph_post.gcode.codes import FAULT
 from ph_post.gcode.further import further_lines
+from ph_post.gcode.lexer import BAD_CHARACTER, NO_LETTER, NO_NUMBER, TEXT
 from ph_post.gcode.motion_parts import chord_lengths, split_cubic
 from ph_post.gcode.paths import line_words, without_feed
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, PLANE_AXES, RAPID, PartProgram, feed_runs
+from ph_post.gcode.read import shortened
 from ph_post.gcode.working import tool_in_words, working_motions
 from ph_post.post.moves import FINEST
 from ph_post.types import ROTARY_AXES, Array, Axis, BoolArray, Machine, sealed
@@ -245,6 +248,39 @@ def why_blocked(program: PartProgram) -> dict[int, str]:
     low, _ = chain_spans(program.motions)
     number = program.motions.chain[low]
     return {int(number[k]): why for why, marks in blocked_chains(program).items() for k in np.flatnonzero(marks)}
+
+
+_PROSE: Final = (NO_NUMBER, BAD_CHARACTER, NO_LETTER, TEXT)
+"""Faults of lines that are no words at all."""
+
+_MARKUP: Final = re.compile(rb"(?:\xef\xbb\xbf)?\s*<[!?A-Za-z]")
+"""How a page of the web begins, and a drawing: no part program of any controller does."""
+
+
+def require_words(program: PartProgram) -> None:
+    """Refuse a text of which no line is understood: a page of the web or a letter that is named like a part program.
+
+    What another controller might know, as a call or a macro, stays what it is: something that is passed through.
+
+    Raises
+    ------
+    InputError
+    """
+    notes = program.notes
+    prose = all(note.why >= FAULT and note.why % FAULT in _PROSE for note in notes)
+    if program.motions.kind.size or not notes or not (prose or _MARKUP.match(program.data)):
+        return
+    inside = np.zeros(program.blocks, dtype=np.bool_)
+    for note in notes:
+        inside[note.first : note.last + 1] = True
+    if inside[program.words.block].all():
+        first = next(line for line in range(program.blocks) if program.text(line).strip())
+        raise InputError(
+            f"{program.name}:{first + 1}",
+            "not a part program, as no line of it is understood",
+            expected="words, such as G1 X10",
+            got=shortened(program.text(first).decode("utf-8", "replace").strip()),
+        )
 
 
 def require_tool(program: PartProgram, machine: Machine) -> None:

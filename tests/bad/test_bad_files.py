@@ -45,3 +45,47 @@ def test_every_bad_file_has_its_line(folder):
     inputs = {file.stem for file in (HERE / folder).glob(f"*{READERS[folder][1]}")}
     lines = {file.stem for file in (HERE / folder).glob("*.error")}
     assert inputs | {"no-such-file"} == lines
+
+
+PAGE = "<!DOCTYPE html>\n<html><head><title>404 Not Found</title></head>\n<p>G1 X10 was not found.</p></html>\n"
+LETTER = "Hello, this is the drawing.\nRegards\nBob\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "dialects", "got"),
+    [
+        (PAGE, ("linuxcnc", "grbl", "grblhal", "marlin", "klipper", "fanuc", "siemens"), "<!DOCTYPE html>"),
+        ("\n" + LETTER, ("linuxcnc", "grbl", "grblhal", "fanuc"), "Hello, this is the drawing."),
+        ('{"a": 1}\n', ("linuxcnc", "grbl"), '{"a": 1}'),
+    ],
+)
+def test_a_text_of_which_no_line_is_understood_is_not_copied_as_a_program(tmp_path, capsys, text, dialects, got):
+    source, out = tmp_path / "part.ngc", tmp_path / "out.ngc"
+    source.write_text(text)
+    line = next(n for n, own in enumerate(text.splitlines(), 1) if own)
+    for dialect in dialects:
+        assert main(["convert", str(source), "-m", "stepper", "--dialect", dialect, "-o", str(out)]) == 2
+        said = capsys.readouterr().err
+        assert said == (
+            f"ph-post: {source}:{line}: not a part program, as no line of it is understood; "
+            f"expected words, such as G1 X10; got {got}\n"
+        )
+        assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "dialect"),
+    [
+        ("M2\n", "linuxcnc"),
+        ("(nothing yet)\n", "linuxcnc"),
+        ("#1=5\nG1 X#1\n", "linuxcnc"),
+        ("Program made by hand\nM30\n", "linuxcnc"),
+        ("START_PRINT BED=60\nEND_PRINT\n", "klipper"),
+        ("ROUGHING\nFINISHING\n", "siemens"),
+    ],
+)
+def test_a_program_that_only_the_controller_understands_is_passed_through(tmp_path, text, dialect):
+    source, out = tmp_path / "part.ngc", tmp_path / "out.ngc"
+    source.write_text(text)
+    assert main(["convert", str(source), "-m", "stepper", "--dialect", dialect, "-o", str(out)]) == 0
+    assert out.read_text() == text
