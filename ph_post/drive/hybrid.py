@@ -8,6 +8,7 @@ from typing import Final
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.drive.automaton import (
     NAMES,
@@ -31,7 +32,7 @@ from ph_post.drive.automaton import (
 from ph_post.drive.automaton import fed as fed_row
 from ph_post.drive.command_filters import rates_of
 from ph_post.drive.loops import drive_model
-from ph_post.drive.plant import Plant
+from ph_post.drive.plant import TRUE_READING, GapProfile, Plant
 from ph_post.types import Array, IntArray, frozen
 
 
@@ -56,12 +57,42 @@ class Automaton(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     contacts: IntArray
 
 
-@lru_cache(maxsize=512)
 def build_automaton(plant: Plant) -> Automaton:
-    """Return the automaton of a plant.
+    """Return the automaton of a plant; those that differ in no equation have the same.
 
     Implements section 3.3 of [1]_ for the table in the loop, and a play behind the servo otherwise.
     """
+    return _built(_equations_of(plant))
+
+
+_ANY_PROFILE: Final = GapProfile()
+
+
+def _equations_of(plant: Plant) -> Plant:
+    """Return a plant without what is in none of its equations: shapes of command, gap, forces and reading."""
+    cascade = plant.cascade
+    if cascade is not None:
+        cascade = replace(
+            cascade, dead_time=0.0, moving_average=0.0, exponential=0.0, shaper_frequency=0.0, shaper_damping=0.0
+        )
+    return replace(
+        plant,
+        cascade=cascade,
+        widening=None if plant.widening is None else _ANY_PROFILE,
+        stribeck_speed=0.0,
+        cogging=(),
+        cutting=(),
+        forces=(),
+        command_delay=0.0,
+        reading_delay=0.0,
+        reading=TRUE_READING,
+        slows=math.inf,
+        reference=0,
+    )
+
+
+@lru_cache(maxsize=512)
+def _built(plant: Plant) -> Automaton:
     drive = drive_model(plant)
     band = 0.0 if plant.cascade is None else plant.cascade.deadband
     torques = (0, 1, -1) if math.isfinite(plant.saturation) else (0,)

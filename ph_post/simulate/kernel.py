@@ -15,7 +15,7 @@ import numpy as np
 
 from ph_post.compiling import compiled, inner, lean
 from ph_post.drive.automaton import STATES, WIDTH
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, BoolArray, IntArray
 
 LEVELS: Final = 30
 """Halvings of the sampling period: an instant is known to h/2^30."""
@@ -43,18 +43,6 @@ BEND: Final = 4.0 / 27.0
 
 SETTLED: Final = 60
 """Most rounds in which the table is found behind a gap, as in :mod:`ph_post.drive.plant`."""
-
-SIMPLE: Final = 5
-"""States of an axis without a current loop."""
-
-PLAIN: Final = STATES + 3
-"""Columns up to those that an axis has without forces and with one gap."""
-
-USUAL: Final = STATES + 8
-"""Columns up to those that an axis has without a cascade."""
-
-FORCES, FEW, ALL = 0, 1, 2
-"""Which columns of a row are not 0: those without a current loop and what is fed forward; these without forces; all."""
 
 
 Column = IntEnum(
@@ -140,6 +128,28 @@ def places_of(rows: Array) -> IntArray:
     return found
 
 
+@compiled
+def used_columns(tables: Array, active: BoolArray) -> IntArray:
+    """Return which columns the steps of each mode need, in order and with -1 behind: shape (modes, WIDTH + 1).
+
+    Those are columns of :func:`step_tables` that are not 0, of states and of inputs that are `active` (WIDTH,).
+    """
+    used = np.full((tables.shape[0], WIDTH + 1), -1, dtype=np.int64)
+    for mode in range(tables.shape[0]):
+        count = 0
+        for column in range(WIDTH):
+            if not active[column]:
+                continue
+            filled = False
+            for level in range(LEVELS + 1):
+                for i in range(STATES):
+                    filled = filled or tables[mode, level, i, column] != 0.0
+            if filled:
+                used[mode, count] = column
+                count += 1
+    return used
+
+
 @lean
 def stribeck(speed: float, direction: int, static: float, scale: float) -> float:
     """Return what friction has more than Coulomb's while slipping at a speed, F/K [m]."""
@@ -174,8 +184,8 @@ class ModeTables(NamedTuple):
     `tables` are those of :func:`step_tables`, `slopes` the guards' rates of change; `static` [m] and `scale`
     [m/s] those of :func:`stribeck`, `waves` (waves, 3) those of :func:`cogging`. `gap` (6,) is that of
     :func:`half_gap`, (0,) where it is the same everywhere; `holds` and `contacts` (modes,) say how the two
-    sides are placed then. `filled` says which columns are not 0, `guarded` and `sloped` the same of each guard and
-    its slope, in order and with -1 behind;
+    sides are placed then. `used` are the columns of :func:`used_columns`, `guarded` and `sloped` those of each guard
+    and its slope that are not 0, in order and with -1 behind;
     `level` is into how many parts at most, as a power of 2, a sample is cut where forces of the state act.
     """
 
@@ -196,48 +206,52 @@ class ModeTables(NamedTuple):
     gap: Array
     holds: int
     contacts: IntArray
-    filled: int
+    used: IntArray
     level: int
 
 
 @lean
-def _step(table: Array, y: Array, length: float, into: Array, filled: int) -> None:
-    """Advance state and inputs by `length` [s], of which `table` is D."""
+def _step(table: Array, y: Array, length: float, into: Array, used: IntArray) -> None:
+    """Advance state and inputs by `length` [s], of which `table` is D and `used` its columns."""
+    # An index without a sign is taken as it is, others are looked at for counting from the end: here and below.
+    x, v, m, w = y[Column.TABLE], y[Column.TABLE_SPEED], y[Column.MOTOR], y[Column.MOTOR_SPEED]
+    integral, current = y[Column.INTEGRAL], y[Column.CURRENT]
+    for j in used:
+        if j < 0:
+            break
+        column = np.uint64(j)
+        value = y[column]
+        x += table[0, column] * value
+        v += table[1, column] * value
+        m += table[2, column] * value
+        w += table[3, column] * value
+        integral += table[4, column] * value
+        current += table[5, column] * value
+    into[Column.TABLE], into[Column.TABLE_SPEED], into[Column.MOTOR], into[Column.MOTOR_SPEED] = x, v, m, w
+    into[Column.INTEGRAL], into[Column.CURRENT] = integral, current
+    into[Column.ONE], into[Column.HALF_GAP] = 1.0, y[Column.HALF_GAP]
     into[Column.COMMAND] = y[Column.COMMAND] + length * y[Column.COMMAND_RATE]
     into[Column.COMMAND_RATE] = y[Column.COMMAND_RATE]
-    into[Column.ONE] = 1.0
-    if filled == FEW:
-        for i in range(SIMPLE):
-            total = y[i]
-            for j in range(SIMPLE):
-                total += table[i, j] * y[j]
-            for j in range(STATES, PLAIN):
-                total += table[i, j] * y[j]
-            into[i] = total
-        return
-    if filled == ALL:
-        for i in range(STATES):
-            total = y[i]
-            for j in range(WIDTH):
-                total += table[i, j] * y[j]
-            into[i] = total
-        into[Column.FED] = y[Column.FED] + length * y[Column.FED_RATE]
-        into[Column.FED_RATE] = y[Column.FED_RATE]
-    else:
-        for i in range(SIMPLE):
-            total = y[i]
-            for j in range(SIMPLE):
-                total += table[i, j] * y[j]
-            for j in range(STATES, USUAL):
-                total += table[i, j] * y[j]
-            into[i] = total
     into[Column.G] = y[Column.G] + length * y[Column.G_RATE]
     into[Column.G_RATE] = y[Column.G_RATE]
     into[Column.Q] = y[Column.Q] + length * y[Column.Q_RATE]
     into[Column.Q_RATE] = y[Column.Q_RATE]
-    into[Column.HALF_GAP] = y[Column.HALF_GAP]
+    into[Column.FED] = y[Column.FED] + length * y[Column.FED_RATE]
+    into[Column.FED_RATE] = y[Column.FED_RATE]
     into[Column.F] = y[Column.F] + length * y[Column.F_RATE]
     into[Column.F_RATE] = y[Column.F_RATE]
+
+
+@lean
+def _stepped(table: Array, y: Array, state: int, used: IntArray) -> float:
+    """Return one state after a step as :func:`_step` makes it."""
+    total = y[state]
+    for j in used:
+        if j < 0:
+            break
+        column = np.uint64(j)
+        total += table[state, column] * y[column]
+    return float(total)
 
 
 @lean
@@ -247,7 +261,8 @@ def _value(rows: Array, places: IntArray, mode: int, number: int, y: Array) -> f
     for j in places[mode, number]:
         if j < 0:
             break
-        total += rows[mode, number, j] * y[j]
+        column = np.uint64(j)
+        total += rows[mode, number, column] * y[column]
     return total
 
 
@@ -333,7 +348,6 @@ def _glides(modes: ModeTables, y: Array) -> bool:
 @lean
 def _set_force(
     y: Array,
-    trial: Array,
     moving: int,
     direction: int,
     static: float,
@@ -341,7 +355,7 @@ def _set_force(
     waves: Array,
     step: Array,
     length: float,
-    filled: int,
+    used: IntArray,
 ) -> None:
     """Let g and q run linearly over a step.
 
@@ -355,13 +369,13 @@ def _set_force(
     if waved:
         first = cogging(y[Column.MOTOR], waves)
         y[Column.Q], y[Column.Q_RATE] = first, 0.0
-    _step(step, y, length, trial, filled)
-    last = stribeck(trial[moving], direction, static, scale) + trial[Column.F]
-    y[Column.G_RATE] = (last - y[Column.G]) / length
+        motor = _stepped(step, y, Column.MOTOR, used)
+        slower = y[Column.MOTOR_SPEED] - _stepped(step, y, Column.MOTOR_SPEED, used)
+        middle = cogging(0.5 * (y[Column.MOTOR] + motor) + 0.125 * length * slower, waves)
+        last = cogging(motor, waves)
+    ahead = stribeck(_stepped(step, y, moving, used), direction, static, scale) if static != 0.0 else 0.0
+    y[Column.G_RATE] = (ahead + (y[Column.F] + length * y[Column.F_RATE]) - y[Column.G]) / length
     if waved:
-        slower = y[Column.MOTOR_SPEED] - trial[Column.MOTOR_SPEED]
-        middle = cogging(0.5 * (y[Column.MOTOR] + trial[Column.MOTOR]) + 0.125 * length * slower, waves)
-        last = cogging(trial[Column.MOTOR], waves)
         y[Column.Q] = (first + 4.0 * middle + last) / 6.0 - 0.5 * (last - first)
         y[Column.Q_RATE] = (last - first) / length
 
@@ -400,7 +414,6 @@ def _attempt(y: Array, trial: Array, mode: int, modes: ModeTables, step: Array, 
     if _is_forced(modes):
         _set_force(
             y,
-            trial,
             modes.moving,
             modes.directions[mode],
             modes.static,
@@ -408,9 +421,9 @@ def _attempt(y: Array, trial: Array, mode: int, modes: ModeTables, step: Array, 
             modes.waves,
             step,
             length,
-            modes.filled,
+            modes.used[mode],
         )
-    _step(step, y, length, trial, modes.filled)
+    _step(step, y, length, trial, modes.used[mode])
     return _broken(modes, mode, trial)
 
 
@@ -606,7 +619,7 @@ def _cruise(
     step, length = sample, period
     guards, slopes, noise, count = modes.guards, modes.slopes, modes.noise, modes.counts[mode]
     guarded, sloped = modes.guarded, modes.sloped
-    filled, waves, static, scale = modes.filled, modes.waves, modes.static, modes.scale
+    used, waves, static, scale = modes.used[mode], modes.waves, modes.static, modes.scale
     moving, direction = modes.moving, modes.directions[mode]
     while k < command.size - 1 and (k == first or not _glides(modes, y)):
         _begin(y, command, k, period)
@@ -615,15 +628,15 @@ def _cruise(
         if fed.size > 0:
             _feed(y, fed, k, period)
         if most > 0:
-            _set_force(y, trial, moving, direction, static, scale, waves, sample, period, filled)
-            _step(sample, y, period, trial, filled)
+            _set_force(y, moving, direction, static, scale, waves, sample, period, used)
+            _step(sample, y, period, trial, used)
             level = _halvings(y, trial, modes, direction, period)
             step, length = modes.tables[mode, level], period / (1 << level)
         for part in range(1 << level):
             if level > 0 or most == 0:
                 if forced:
-                    _set_force(y, trial, moving, direction, static, scale, waves, step, length, filled)
-                _step(step, y, length, trial, filled)
+                    _set_force(y, moving, direction, static, scale, waves, step, length, used)
+                _step(step, y, length, trial, used)
             if _may_dip(guards, guarded, slopes, sloped, noise, count, mode, y, trial, length):
                 return k, whole - part * (whole >> level)
             _accept(y, trial)
@@ -654,66 +667,24 @@ def _set_inputs(command: Array, force: Array, fed: Array, k: int, size: int, per
 
 
 @lean
-def _run_simple(step: Array, path: Array, size: int) -> None:
-    """Advance the state through a stretch as :func:`_step` does, where few columns are not 0."""
+def _run_through(step: Array, path: Array, size: int, used: IntArray) -> None:
+    """Advance the state through a stretch as :func:`_step` does."""
     for s in range(size):
-        for i in range(SIMPLE):
-            total = path[i, s]
-            for j in range(SIMPLE):
-                total += step[i, j] * path[j, s]
-            for j in range(STATES, PLAIN):
-                total += step[i, j] * path[j, s]
-            path[i, s + 1] = total
-
-
-@lean
-def _run_pushed(step: Array, path: Array, size: int) -> None:
-    """Do the same under a force from outside."""
-    for s in range(size):
-        for i in range(SIMPLE):
-            total = path[i, s]
-            for j in range(SIMPLE):
-                total += step[i, j] * path[j, s]
-            for j in range(STATES, PLAIN + 2):
-                total += step[i, j] * path[j, s]
-            path[i, s + 1] = total
-
-
-@lean
-def _run_current(step: Array, path: Array, size: int) -> None:
-    """Do the same with a current loop alone."""
-    for s in range(size):
-        for i in range(STATES):
-            total = path[i, s]
-            for j in range(PLAIN):
-                total += step[i, j] * path[j, s]
-            path[i, s + 1] = total
-
-
-@lean
-def _run_all(step: Array, path: Array, size: int) -> None:
-    """Do the same where everything comes in."""
-    for s in range(size):
-        for i in range(STATES):
-            total = path[i, s]
-            for j in range(PLAIN + 2):
-                total += step[i, j] * path[j, s]
-            for j in range(Column.FED, Column.F):
-                total += step[i, j] * path[j, s]
-            path[i, s + 1] = total
-
-
-@lean
-def _run_through(step: Array, path: Array, size: int, filled: int, further: bool) -> None:
-    """Advance the state through a stretch; `further` if more than the command comes in."""
-    if filled == ALL and further:
-        _run_all(step, path, size)
-    elif filled == ALL:
-        _run_current(step, path, size)
-    elif further:
-        _run_pushed(step, path, size)
-    else:
-        _run_simple(step, path, size)
+        x, v, m, w = path[0, s], path[1, s], path[2, s], path[3, s]
+        integral, current = path[4, s], path[5, s]
+        for j in used:
+            if j < 0:
+                break
+            column = np.uint64(j)
+            value = path[column, s]
+            x += step[0, column] * value
+            v += step[1, column] * value
+            m += step[2, column] * value
+            w += step[3, column] * value
+            integral += step[4, column] * value
+            current += step[5, column] * value
+        path[0, s + 1], path[1, s + 1], path[2, s + 1], path[3, s + 1] = x, v, m, w
+        path[4, s + 1], path[5, s + 1] = integral, current
 
 
 @lean
@@ -791,13 +762,12 @@ def _glide(
     are looked at together.
     """
     step, most, left = modes.tables[mode, 0], SHORT, 0
-    further = force.size > 0 or fed.size > 0
     while k < command.size - 1 and left == 0:
         size = min(most, command.size - 1 - k)
         for i in range(STATES):
             path[i, 0] = y[i]
         _set_inputs(command, force, fed, k, size, period, path)
-        _run_through(step, path, size, modes.filled, further)
+        _run_through(step, path, size, modes.used[mode])
         until = _first_dip(modes, mode, path, size, period, four)
         fast = _fast_for(modes, path, until)
         for s in range(1, fast + 1):

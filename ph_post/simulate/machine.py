@@ -32,7 +32,7 @@ from ph_post.drive.plant import (
     table_behind,
 )
 from ph_post.simulate import kernel
-from ph_post.simulate.slow import NO_STATES, SlowAxis, filled_columns, level_for, modes_of
+from ph_post.simulate.slow import NO_STATES, SlowAxis, level_for, modes_of, used_columns
 from ph_post.types import Array, Axis, Command, Event, EventKind, IntArray, Machine, Run, Scenario, sealed
 
 STANDSTILL: Final = 1e-9
@@ -275,9 +275,10 @@ def run_plant(
         instants, log = axis.run(z, first, table, motor, states)
     else:
         modes = modes_of(linear, period)
-        filled, level = filled_columns(linear, pushed=bool(force.size)), level_for(linear, command)
-        if (filled, level) != (modes.filled, modes.level):
-            modes = modes._replace(filled=filled, level=level)
+        if force.size:
+            modes = modes._replace(used=used_columns(linear, modes.tables, pushed=True))
+        if (level := level_for(linear, command)) != modes.level:
+            modes = modes._replace(level=level)
         _, instants, log = kernel.advance(command, period, z, first, modes, force, fed, table, motor, states)
     if given.size:
         given[:] = given_by(linear, command, fed, states, period)

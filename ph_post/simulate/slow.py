@@ -15,9 +15,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from msgspec.structs import astuple, replace
 
-from ph_post.drive.automaton import STATES
+from ph_post.drive.automaton import STATES, WIDTH
 from ph_post.drive.command_filters import feeds_acceleration
-from ph_post.drive.hybrid import build_automaton
+from ph_post.drive.hybrid import Automaton, build_automaton
 from ph_post.drive.plant import TRUE_READING, Plant, force_on
 from ph_post.simulate import kernel
 from ph_post.types import Array, IntArray, frozen, sealed
@@ -32,8 +32,9 @@ def modes_of(plant: Plant, period: float) -> kernel.ModeTables:
     automaton = build_automaton(plant)
     static = plant.static if plant.stribeck_speed else 0.0
     slopes = frozen(np.matmul(automaton.guards, automaton.rates))
+    tables = _step_tables(automaton, period)
     return kernel.ModeTables(
-        tables=kernel.step_tables(automaton.rates, period),
+        tables=tables,
         counts=automaton.counts,
         guards=automaton.guards,
         guarded=sealed(kernel.places_of(automaton.guards)),
@@ -50,19 +51,29 @@ def modes_of(plant: Plant, period: float) -> kernel.ModeTables:
         gap=frozen(() if plant.widening is None else (plant.gap, *astuple(plant.widening))),
         holds=_holds(plant),
         contacts=automaton.contacts,
-        filled=filled_columns(plant),
+        used=used_columns(plant, tables),
         level=kernel.FORCED if static or plant.cogging else 0,
     )
 
 
-def filled_columns(plant: Plant, *, pushed: bool = False) -> int:
-    """Return which columns the rows of a plant fill; `pushed` if a force from outside acts."""
-    cascade = plant.cascade
-    if cascade is not None and (cascade.current_time or feeds_acceleration(cascade)):
-        return kernel.ALL
-    stribeck = plant.static != 0.0 and plant.stribeck_speed != 0.0
-    forced = pushed or stribeck or bool(plant.cogging) or plant.widening is not None
-    return kernel.FORCES if forced else kernel.FEW
+@lru_cache(maxsize=512)
+def _step_tables(automaton: Automaton, period: float) -> Array:
+    return kernel.step_tables(automaton.rates, period)
+
+
+def used_columns(plant: Plant, tables: Array, *, pushed: bool = False) -> IntArray:
+    """Return the columns that the steps of a plant need; `pushed` if a force from outside acts.
+
+    What is skipped is 0, so that no sum is another one without it.
+    """
+    active = np.ones(WIDTH, dtype=bool)
+    rubs = plant.static != 0.0 and plant.stribeck_speed != 0.0
+    active[[kernel.Column.G, kernel.Column.G_RATE]] = pushed or rubs
+    active[[kernel.Column.Q, kernel.Column.Q_RATE]] = bool(plant.cogging)
+    active[kernel.Column.HALF_GAP] = plant.widening is not None
+    fed = plant.cascade is not None and feeds_acceleration(plant.cascade)
+    active[[kernel.Column.FED, kernel.Column.FED_RATE]] = fed
+    return sealed(kernel.used_columns(tables, active))
 
 
 def level_for(plant: Plant, command: Array) -> int:
@@ -126,8 +137,8 @@ class SlowAxis:
         self.given = given if given.size else np.zeros(command.size)
         linear = replace(plant, forces=(), cutting=(), reading=TRUE_READING)
         self.modes = [
-            modes_of(linear, period / 2.0**level)._replace(filled=filled_columns(linear, pushed=True))
-            for level in range(DEEPEST + 1)
+            one._replace(used=used_columns(linear, one.tables, pushed=True))
+            for one in (modes_of(linear, period / 2.0**level) for level in range(DEEPEST + 1))
         ]
 
     def run(self, z: Array, mode: int, table: Array, motor: Array, states: Array) -> tuple[Array, IntArray]:

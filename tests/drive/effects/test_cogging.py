@@ -27,7 +27,7 @@ from support.engine_cases import (
 from ph_post.drive.effects.active import plant_of
 from ph_post.simulate import kernel, machine
 from ph_post.simulate.machine import AxisCommand, run_plant, simulate
-from ph_post.simulate.slow import level_for, modes_of
+from ph_post.simulate.slow import level_for, modes_of, used_columns
 from ph_post.types import EffectSetting, Feedback, Pickup, Run, Scenario
 
 COGGING = effect("cogging", following_error_mm=0.1, period_mm=5.0, phase_deg=40.0)
@@ -120,7 +120,20 @@ def test_samples_are_cut_as_the_waves_need() -> None:
     ]
     assert level(COGGING, FINE, travel=0.8e-3 / math.tau * 0.15) == 1
     assert level(COGGING, travel=1.0) == kernel.FINE
-    assert modes_of(plant_of(make_axis("load", **SOFT), Scenario()), PERIOD).filled == kernel.FEW
+
+
+def test_steps_leave_out_columns_that_are_nothing() -> None:
+    plants = [plant_of(make_axis("motor", **SOFT, effects=effects), Scenario()) for effects in ((), (COGGING,))]
+    plain, cogged = ({*modes_of(plant, PERIOD).used.flat} - {-1} for plant in plants)
+    force, command = {kernel.Column.Q, kernel.Column.Q_RATE}, {kernel.Column.COMMAND, kernel.Column.COMMAND_RATE}
+    assert command < plain
+    assert cogged == plain | force
+    # A P loop has no integrator and no current loop, and nothing is fed forward; forces from outside may come.
+    unused = {kernel.Column.INTEGRAL, kernel.Column.CURRENT, kernel.Column.FED, kernel.Column.FED_RATE}
+    assert unused.isdisjoint(cogged)
+    modes = modes_of(plants[0], PERIOD)
+    pushed = {*used_columns(plants[0], modes.tables, pushed=True).flat} - {-1}
+    assert pushed == plain | {kernel.Column.G, kernel.Column.G_RATE}
 
 
 @pytest.mark.parametrize("feedback", ["load", "motor"])
