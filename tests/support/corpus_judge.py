@@ -83,7 +83,7 @@ _SWITCHES = {
 
 _UNDOTTED = re.compile(r"([XYZIJKR])([-+]?\d+)(?![\d.])")
 
-_UNREAD = re.compile(r"#.*|^\s*(?:M117|M20[1-5]|PROG|END|O\d|%|\$).*|[A-Z](?=\s*(?:[A-Z]|$))", re.MULTILINE)
+_UNREAD = re.compile(r"#.*|^\s*(?:M117|M20[1-5]|PROG|END|O\d|%|\$).*|[A-Z](?=\s*(?:[A-Z(;]|$))", re.MULTILINE)
 """Text, limits of printers, which name axes, numbers of programs and letters without numbers."""
 
 
@@ -281,7 +281,9 @@ def _sampled(runs: list[list[Move]], laid: set[int] | None = None) -> tuple[np.n
     for same in moving:
         move = same[0]
         ends = np.array([(one.start - to, one.end - to) for one, to in zip(same, last, strict=True)])
-        known = bool(np.ptp(ends, axis=0).max() < 1e-9)
+        places = np.array([(one.start, one.end) for one in same])
+        # Beside the last place, or wherever that is, as behind motors that were let go of.
+        known = bool(min(np.ptp(found, axis=0).max() for found in (ends, places)) < 1e-9)
         count = max(2, math.ceil(move.length / (step if move.mode else RAPID)), _chords(move)) if known else 1
         if not points:
             # On an axis on which all begin at one place it is known from where the first move comes.
