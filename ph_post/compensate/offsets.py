@@ -19,8 +19,8 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.friction import FrictionLead, friction_of_machine
-from ph_post.compensate.inverse import lead_of_crossing, lead_of_motion
-from ph_post.compensate.lead import lead_window, let_go, smoothed
+from ph_post.compensate.inverse import lead_of_crossing, lead_of_force, lead_of_motion
+from ph_post.compensate.lead import END, lead_window, let_go, memory_of_lead, smoothed
 from ph_post.compensate.limit_curve import axis_limits
 from ph_post.compensate.motion import MotionLaw, cycle_time, sample
 from ph_post.compensate.violations import at_rest_around, command_noise, usage
@@ -284,13 +284,16 @@ def add_offsets(command: Command, speed: Array, acceleration: Array, machine: Ma
     if window is not None:
         shift = smoothed(command.position, window.half, rests) - command.position
         led = [offsets.part * smoothed(rows, window.half, rests) for rows in (speed, acceleration)]
+    kept = None
+    if window is not None and rests[1]:
+        kept = let_go([machine.axes[name].servo for name in command.axes], window, len(speed))
     for number, name in enumerate(command.axes):
         fixed[:, number], dynamic[:, number] = _one_axis(
-            command, speed[:, number], [rows[:, number] for rows in led], machine.axes[name], offsets
+            command, speed[:, number], [rows[:, number] for rows in led], machine.axes[name], offsets, kept
         )
     if window is not None:
-        if rests[1]:
-            dynamic *= let_go([machine.axes[name].servo for name in command.axes], window, len(dynamic))[:, np.newaxis]
+        if kept is not None:
+            dynamic *= kept[:, np.newaxis]
         fixed += _faded(command, machine, fixed, (shift, dynamic)) if offsets.fade else shift + dynamic
     jogs = [one for one in offsets.crossings if isinstance(one, Jog)]
     moved = jogged(jogs, command.axes, command.t) if jogs else None
@@ -302,11 +305,12 @@ def add_offsets(command: Command, speed: Array, acceleration: Array, machine: Ma
 
 
 def _one_axis(
-    command: Command, speed: Array, led: Sequence[Array], axis: Axis, offsets: Offsets
+    command: Command, speed: Array, led: Sequence[Array], axis: Axis, offsets: Offsets, kept: Array | None
 ) -> tuple[Array, Array]:
     """Offsets of one axis: what must be there, and what inverse dynamics adds [m], shape (n,) each.
 
-    `led` are the speed and acceleration that are led, through the window.
+    `led` are the speed and acceleration that are led, through the window; `kept` is the part of the lead that rows of a
+    motion which ends at rest have, see :func:`let_go`.
     """
     t, period = command.t, command.period
     mine = [one for one in offsets.crossings if isinstance(one, Crossing) and one.axis == axis.name]
@@ -326,6 +330,11 @@ def _one_axis(
     if inside or offsets.lead:
         # What leads a crossing stays where the path's own lead fades, or it would arrive late.
         fixed = fixed + lead_of_crossing(axis, motor[1], motor[2], force, period)
+        if kept is not None and force is not None and memory_of_lead(axis.servo):
+            # What an integrator has not yet taken over of friction would be cut off at the end, by any jerk.
+            asked = lead_of_force(axis, force, period)
+            if abs(asked[-1]) > END:
+                fixed -= (1.0 - kept) * asked
     return fixed, lead_of_motion(axis, led[0], led[1], period) if offsets.lead else np.zeros(t.size)
 
 
