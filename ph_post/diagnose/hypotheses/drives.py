@@ -57,7 +57,7 @@ def _wider(plant: Plant, numbers: Numbers) -> Plant:
 
 def _gaps(problem: AxisProblem, left: Residuals) -> list[Numbers]:
     step = 2.0 * reversal_step(problem, left)
-    tried = [step, 10.0 * MICRON, 50.0 * MICRON, 200.0 * MICRON]
+    tried = [step, MICRON, 10.0 * MICRON, 50.0 * MICRON, 200.0 * MICRON]
     if problem.plant.gap > 0.0:
         tried += [-0.3 * problem.plant.gap, -0.8 * problem.plant.gap]
     return [(more,) for more in tried if problem.plant.gap + more > 0.0]
@@ -298,7 +298,7 @@ WINDUP = effect_hypothesis(
         HypothesisNumber(name="damping", low=0.0, high=0.95, scale=0.05),
     ),
     starts=lambda _problem, _left: [
-        (math.log(2.0 * math.pi * hertz), 0.05) for hertz in (6.0, 12.0, 20.0, 35.0, 60.0, 100.0, 200.0)
+        (math.log(2.0 * math.pi * hertz), 0.05) for hertz in (6.0, 12.0, 20.0, 35.0, 60.0, 100.0, 200.0, 350.0, 600.0)
     ],
     bars=_rigid,
 )
