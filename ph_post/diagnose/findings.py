@@ -288,9 +288,13 @@ def _with_spread(problem: AxisProblem, fitted: FittedModel, number: int, one: Fi
 
 
 def _size_keys(one: FittedEffect) -> list[str]:
-    """Return the names of the values that are a part's size: all of a servo's, of others the leading one."""
-    keys = list(one.values)
-    return keys if one.part.hypothesis.name == "servo_mismatch" else keys[:1]
+    """Return the names of the values that are a part's size.
+
+    All of a servo's; of a Stribeck friction its force in motion and at rest, which may be all that it has; of others
+    the leading one.
+    """
+    keys, name = list(one.values), one.part.hypothesis.name
+    return keys if name == "servo_mismatch" else keys[: 2 if name == "stribeck_friction" else 1]
 
 
 def _found(problem: AxisProblem, part: ModelPart, spread: Array) -> FittedEffect:

@@ -34,6 +34,7 @@ from ph_post.diagnose.hypotheses.forces import (
     CUTTING_NEARLY_VISCOUS,
     NEARLY_BY_SPEED,
     REFERENCE_FEED,
+    STRIBECK,
 )
 from ph_post.diagnose.hypotheses.readings import LATE_COMMAND
 from ph_post.diagnose.search import (
@@ -328,7 +329,9 @@ def _choose_from(
     problem = with_noise(problem, base)
     search = HypothesisSearch(problem, plausible)
     stages = [base]
-    while len(stages) <= MOST and _wants_a_name(problem, stages):
+    for _ in range(2 * MOST):
+        if len(stages) > MOST or not _wants_a_name(problem, stages):
+            break
         progress(f"axis {name}: looking for {'a first' if len(stages) == 1 else 'another'} effect")
         worthy = [
             one
@@ -404,10 +407,14 @@ def _base(problem: AxisProblem) -> FittedModel:
     return fit_model(problem, held, problem.fit)
 
 
-def _settle(search: HypothesisSearch, stages: list[FittedModel], *, exchanged: bool = False) -> list[FittedModel]:
-    """Take out what is no longer needed: the last part too where it was `exchanged`, and has earned no place."""
+def _settle(search: HypothesisSearch, stages: list[FittedModel]) -> list[FittedModel]:
+    """Take out what is no longer needed.
+
+    Beside others that holds for the last part, too: it may have done no more than to lead the fit to better numbers of
+    theirs, which are as good without it.
+    """
     problem, last = search.problem, stages[-1]
-    for number in range(len(last.model.parts) - (0 if exchanged else 1)):
+    for number in range(len(last.model.parts) if stages[2:] else 0):
         less = search.without(last, number)
         needed = explains(problem, less, last) or not at_floor(problem, last)
         if score_over(problem, less, last) <= 0.0 or not needed:
@@ -437,7 +444,7 @@ def _exchange(
         better = next((one.better for one in standings if one.better is not None), None)
         if better is None:
             break
-        stages = _settle(search, _restage(problem, better, stages[0]), exchanged=True)
+        stages = _settle(search, _restage(problem, better, stages[0]))
     else:
         standings = [_stand(search, stages, number) for number in range(len(stages[-1].model.parts))]
     return stages, tuple(standings)
@@ -455,6 +462,7 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
         if explains(problem, less, one[1]) and not (alone and one[0].label == part.hypothesis.label)
     ]
     others += [one for one in _as_late(problem, last, number) if explains(problem, less, one[1])]
+    others += _as_stribeck(problem, last, number)
     cutting = _as_cutting(problem, last, number)
     others += [one for one in cutting if one[0] is CUTTING_BY_FEED]
     ranking = rank(problem, less, [(part.hypothesis, last), *others])
@@ -476,6 +484,10 @@ def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> 
         one.hypothesis.label == LATE_COMMAND.label and not has_structure(problem, one.fitted) for one in ranking
     ):
         equal = tuple(dict.fromkeys((*equal, LATE_COMMAND.name)))
+    if part.hypothesis.name in TIMING and _lateness(part) < LEAST_LATE * problem.period / problem.parts:
+        # So little may be what a drive does between its rows, beside whatever else explains the log.
+        quiet = [one.hypothesis for one in ranking if not has_structure(problem, one.fitted)]
+        equal = tuple(dict.fromkeys((*equal, *(one.name for one in quiet if one.name != part.hypothesis.name))))
     kinds = [
         one.fitted.model.parts[-1]
         for one in ranking
@@ -518,6 +530,20 @@ def _as_late(problem: AxisProblem, last: FittedModel, number: int) -> list[tuple
         start = min(tried, key=lambda model: position_rms(problem, residuals_of(problem, model), problem.fit))
         found.append((one, fit_model(problem, start, problem.fit)))
     return found
+
+
+def _as_stribeck(problem: AxisProblem, last: FittedModel, number: int) -> list[tuple[Hypothesis, FittedModel]]:
+    """Fit Stribeck friction in the place of a Coulomb friction that leaves no structure.
+
+    There the search has not tried what contains it; it may leave less all the same.
+    """
+    part = last.model.parts[number]
+    if part.hypothesis.name not in STRIBECK.within or STRIBECK.bars(problem) or has_structure(problem, last):
+        return []
+    less = without_part(last.model, number)
+    tried = [with_part(less, STRIBECK, (part.numbers[0], *more)) for _, *more in STRIBECK.starts(problem, last.left)]
+    start = min(tried, key=lambda model: position_rms(problem, residuals_of(problem, model), problem.fit))
+    return [(STRIBECK, fit_model(problem, start, problem.fit))]
 
 
 def _as_cutting(problem: AxisProblem, last: FittedModel, number: int) -> list[tuple[Hypothesis, FittedModel]]:

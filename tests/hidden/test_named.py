@@ -121,6 +121,50 @@ def test_a_filter_is_named(channels: str, feedback: str, seed: int) -> None:
     is_named_and_sized("command_filter", channels, feedback, seed)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "channels", "seed"),
+    [
+        # c at the end of its reach and 0.03 ms beside it leave as little as the friction.
+        ("viscous_friction", "act+motor", 15000),
+        # 658 Hz, of which rows of 1 ms show a reading that is late by 0.04 ms.
+        ("elastic_windup", "act+motor+force", 16000),
+    ],
+)
+def test_a_delay_of_a_small_part_of_a_row_is_ambiguous_with_what_leaves_noise_alone(
+    name: str, channels: str, seed: int
+) -> None:
+    result = diagnosed("single", [name], channels, "load", seed)
+    assert result["verdict"] == "ambiguous"
+    first = result["findings"][0]
+    assert {"transport_delay", name} <= {first["name"], *first["ambiguous_with"]}
+
+
+@pytest.mark.slow
+def test_a_gap_of_a_few_noise_floors_that_hunts_is_named() -> None:
+    """Of 0.41 µm: from ten times as much every fit was given up."""
+    is_named_and_sized("backlash", "act+force", "load", 16000)
+
+
+@pytest.mark.slow
+def test_stribeck_friction_that_coulomb_friction_leaves_little_of_is_named() -> None:
+    """Beside it no structure was left, so that nothing else was tried."""
+    is_named_and_sized("stribeck_friction", "act+force", "cascade-load", 16000)
+
+
+@pytest.mark.slow
+def test_stribeck_friction_that_shows_at_rest_alone_is_named_beside_a_scale() -> None:
+    """Of its force in motion a tenth of the noise is left; what it is at rest is its size, too."""
+    result = diagnosed("pair", ["stribeck_friction", "scale_error"], "act+motor+force", "load", 15003)
+    assert named(result) == {("stribeck_friction", "X"), ("scale_error", "X")}
+
+
+@pytest.mark.slow
+def test_a_name_that_only_leads_a_fit_elsewhere_is_taken_out_again() -> None:
+    """With whatever it was, as a servo that is not off, the friction came to its own numbers, and stayed there."""
+    is_named_and_sized("stribeck_friction", "act+motor", "load", 15000)
+
+
 @pytest.mark.parametrize(("name", "seed"), [("hum", 0), ("loading", 4)])
 @pytest.mark.thinned(4)
 def test_what_no_name_explains_is_unknown_and_adds_nothing(name: str, seed: int) -> None:
