@@ -109,6 +109,9 @@ FAR: Final = math.log(2.0)
 NEARER: Final = 0.2
 """Part of what the file's servo leaves that another one leaves at most in whose place it stands."""
 
+NEAR_END: Final = 0.1
+"""Parts of a number's scale within which it has come to its end."""
+
 MOST: Final = 4
 """Effects that are looked for on one axis."""
 
@@ -535,7 +538,8 @@ def _as_late(problem: AxisProblem, last: FittedModel, number: int) -> list[tuple
 def _as_stribeck(problem: AxisProblem, last: FittedModel, number: int) -> list[tuple[Hypothesis, FittedModel]]:
     """Fit Stribeck friction in the place of a Coulomb friction that leaves no structure.
 
-    There the search has not tried what contains it; it may leave less all the same.
+    There the search has not tried what contains it; it may leave less all the same. One whose speed has come to its end
+    is no friction at rest: it makes up for a little of anything.
     """
     part = last.model.parts[number]
     if part.hypothesis.name not in STRIBECK.within or STRIBECK.bars(problem) or has_structure(problem, last):
@@ -543,7 +547,9 @@ def _as_stribeck(problem: AxisProblem, last: FittedModel, number: int) -> list[t
     less = without_part(last.model, number)
     tried = [with_part(less, STRIBECK, (part.numbers[0], *more)) for _, *more in STRIBECK.starts(problem, last.left)]
     start = min(tried, key=lambda model: position_rms(problem, residuals_of(problem, model), problem.fit))
-    return [(STRIBECK, fit_model(problem, start, problem.fit))]
+    fitted, speed = fit_model(problem, start, problem.fit), STRIBECK.numbers[-1]
+    ended = fitted.model.parts[-1].numbers[-1] > speed.high - NEAR_END * speed.scale
+    return [] if ended else [(STRIBECK, fitted)]
 
 
 def _as_cutting(problem: AxisProblem, last: FittedModel, number: int) -> list[tuple[Hypothesis, FittedModel]]:
