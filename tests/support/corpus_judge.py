@@ -25,7 +25,7 @@ from support.corpus import TOOLS, Entry, stepper
 from support.ideal_play import Polyline, distances
 from support.interpreted import installed_version
 from support.lathe_player import is_lathe, lathe_moves
-from support.reference_player import BEGINS, Move, interpret, play
+from support.reference_player import BEGINS, Move, interpret, play, up_to_refused
 from support.sinumerik_motions import Run as SiemensRun
 from support.tnc_motions import TncRun, iso_run
 
@@ -64,6 +64,9 @@ SHOWS = 0.003
 
 FOLLOWED = 0.35
 """Part of that error that is left where a reversal is compensated."""
+
+GRBL = ("grbl", "grblhal")
+"""Dialects of controllers that refuse an arc which does not end on its circle: behind that a sender stops."""
 
 PRINTERS = ("marlin", "klipper")
 """Dialects of machines that home, and cut nothing where they push no filament."""
@@ -150,6 +153,12 @@ def _version(dialect: str | None) -> str | None:
 def compare(found: Judged, dialect: str, before: bytes, after: bytes) -> Judged:
     """Play a program before and after compensation, and add to a finding what the tables do."""
     turned = is_lathe(before.decode("utf-8-sig", "replace"))
+    if dialect in GRBL:
+        refused = [up_to_refused(_read(data.decode("utf-8-sig", "replace")))[1] for data in (before, after)]
+        # A mode may be named anew in the line.
+        bare = [re.sub(r"G0*[0-3](?!\d)|\s", "", line) for line in refused]
+        if bare[1] != bare[0]:
+            return found._replace(outcome="refused", reason=f"the controller refuses {refused[1].strip()}")
     one, other = (played_places(dialect, data, turned=turned) for data in (before, after))
     if one is None or other is None:
         return found
@@ -192,7 +201,9 @@ def played_places(dialect: str, data: bytes, *, turned: bool | None = None) -> t
             told = [lathe_moves(text.upper(), begin) for begin, _ in begins]
         if all(moves is not None for moves in told):
             return _sampled(told)
-        read = _UNREAD.sub("", _END.split(text.upper())[0])
+        read = _read(text)
+        if dialect in GRBL:
+            read, _ = up_to_refused(read)
         if dialect == "fanuc":
             read = _UNDOTTED.sub(lambda found: f"{found[1]}{float(found[2]) / THOUSAND}", read)
         laid = _laid(read) if dialect in PRINTERS else None
@@ -205,6 +216,11 @@ def played_places(dialect: str, data: bytes, *, turned: bool | None = None) -> t
         return _sampled([either[placed] for either in runs], laid)
     except (ArithmeticError, LookupError, TypeError, ValueError):
         return None
+
+
+def _read(text: str) -> str:
+    """Return what a controller reads of a program: up to its end, and without text."""
+    return _UNREAD.sub("", _END.split(text.upper())[0])
 
 
 def _counts_in_any(text: str) -> bool:

@@ -35,7 +35,7 @@ class Move:
     """A motion: `mode` 0 to 3, ends (3,), `line` number from 1, `feed` [mm/min], centre and sweep of an arc.
 
     An arc whose end is at another radius than its start is a spiral, as of LinuxCNC, or has the radius of its start, as
-    of Grbl.
+    of Grbl. Its radius is `said` by R [mm], 0 by a centre.
     """
 
     mode: int
@@ -47,6 +47,7 @@ class Move:
     center: tuple[float, float] = (0.0, 0.0)
     sweep: float = 0.0
     spiral: bool = False
+    said: float = 0.0
 
     @property
     def length(self) -> float:
@@ -95,10 +96,12 @@ def interpret(
     Their centres are from their starts, `own_center`, or places, where no line says which.
 
     Where motors are let go (M18, M84) X and Y are pushed by hand to the place where they were `released`, if that is
-    given.
+    given. A drilling cycle is a hole: down from R, and up to R again, or with G98 to where it came from.
     """
     unit, absolute, inverse, plane, mode, feed = 1.0, True, False, 17, None, 0.0
     at, moves = np.array(begin), []
+    drills, retracts = False, True
+    hole: dict[str, float] = {}
     for number, raw in enumerate(text.splitlines(), 1):
         line = re.sub(r"\([^)]*\)|;.*|^/.*", "", raw).upper().replace(" ", "")
         words = re.findall(r"([A-Z])([-+]?\d*\.?\d*)", line)
@@ -111,6 +114,8 @@ def interpret(
             inverse = {930: True, 940: False}.get(code, inverse)
             plane = code // 10 if code in (170, 180, 190) else plane
             mode = code // 10 if code in (0, 10, 20, 30) else mode
+            retracts = {980: True, 990: False}.get(code, retracts)
+            drills = code in (730, 810, 820, 830, 850, 860, 890) or (drills and code not in (0, 10, 20, 30, 800))
         feed = value.get("F", feed)
         if (100 in codes and value.get("L") == 20.0 and not moves) or 920 in codes:
             # Where the machine stands gets the coordinates that are said.
@@ -126,6 +131,17 @@ def interpret(
             or not set("XYZIJKR") & set(value)
         ):
             continue
+        if drills:
+            hole |= {letter: value[letter] for letter in "ZR" if letter in value}
+            across = [
+                unit * value[letter] + (0.0 if absolute else at[k]) if letter in value else at[k]
+                for k, letter in enumerate("XY")
+            ]
+            clear = unit * hole["R"] + (0.0 if absolute else at[2])
+            depths = clear, unit * hole["Z"] + (0.0 if absolute else clear)
+            moves += _hole(at, across, depths, number, unit * feed, retracts=retracts)
+            at = moves[-1].end
+            continue
         end = at.copy()
         for axis, letter in enumerate("XYZ"):
             if letter in value:
@@ -138,6 +154,36 @@ def interpret(
         moves.append(move)
         at = end
     return moves
+
+
+def _hole(
+    at: np.ndarray, across: list[float], depths: tuple[float, float], number: int, feed: float, *, retracts: bool
+) -> list[Move]:
+    """Moves of a drilling cycle from a place: `across` at R or higher, down to its bottom at the feed, and up."""
+    clear, bottom = depths
+    high = max(at[2], clear)
+    ends = [(0, [*at[:2], high]), (0, [*across, high]), (0, [*across, clear]), (1, [*across, bottom])]
+    ends.append((0, [*across, high if retracts else clear]))
+    begins = [at, *(np.array(end) for _, end in ends)]
+    return [Move(mode, begin, np.array(end), number, feed) for begin, (mode, end) in zip(begins, ends, strict=False)]
+
+
+def up_to_refused(text: str) -> tuple[str, str]:
+    """Return a program up to the first arc that Grbl 1.1 refuses, and that line; all of it, and no line, without one.
+
+    Behind an error a sender stops. By `gc_execute_line` of its gcode.c an arc ends no more than 5 um, or a thousandth
+    of its radius, beyond the circle on which it begins, and never half a millimetre, and its chord is no longer than
+    two of the radius that is said.
+    """
+    lines = text.splitlines(keepends=True)
+    for move in interpret(text):
+        if move.mode > 1:
+            start, end = (place[list(move.plane[:2])] for place in (move.start, move.end))
+            first, off = math.dist(start, move.center), abs(math.dist(end, move.center) - math.dist(start, move.center))
+            refused = off > 0.005 and (off > 0.5 or off > 0.001 * first)
+            if refused or (move.said and math.dist(start, end) > 2.0 * move.said * (1.0 + 1e-6)):
+                return "".join(lines[: move.line - 1]), lines[move.line - 1]
+    return text, ""
 
 
 def _arc(move: Move, plane: tuple[int, int, int], value: dict[str, float], unit: float, own: bool) -> Move:
@@ -155,7 +201,8 @@ def _arc(move: Move, plane: tuple[int, int, int], value: dict[str, float], unit:
     sweep = (math.atan2(last[1], last[0]) - math.atan2(first[1], first[0])) * turn % (2 * math.pi)
     if np.allclose(start, end, rtol=0.0, atol=1e-9):
         sweep = 2 * math.pi
-    whole = {**vars(move), "plane": plane, "center": tuple(center), "sweep": turn * sweep}
+    said = abs(unit * value.get("R", 0.0))
+    whole = {**vars(move), "plane": plane, "center": tuple(center), "sweep": turn * sweep, "said": said}
     return Move(**whole)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .corpus_judge import played_places
+from .corpus_judge import Judged, compare, played_places
 
 
 def test_motors_that_were_let_go_stand_where_nobody_knows():
@@ -19,3 +19,39 @@ def test_a_small_circle_of_a_long_program_is_sampled_as_finely_as_it_needs():
     places, cuts = played_places("grbl", f"G21 G90 F900\nG0 X0 Y0\nG1 X1\n{lines}G3 X0 Y0 I0 J0.2\nM2\n".encode())
     arc = places[cuts & (places[:, 1] > 1e-9)]
     assert np.linalg.norm(np.diff(arc, axis=0), axis=1).max() < 0.051
+
+
+def drawn_on_grbl(text):
+    places, cuts = played_places("grbl", text.encode())
+    return places[cuts]
+
+
+def test_nothing_is_cut_behind_an_arc_that_grbl_refuses():
+    """Its gcode.c, "Arc definition error": 0.005 mm and a thousandth of the radius, and 0.5 mm, are the most."""
+    head, behind = "G21 G90 F600\nG0 X10 Y0\nG1 Y0.1\nY0\n", "G1 X-30\nM2\n"
+    for arc, taken in (
+        ("G3 X-10.009 Y0 I-10", True),
+        ("G3 X-10.011 Y0 I-10", False),
+        ("G2 X-10 Y0 R10", True),
+        ("G2 X-10 Y0 R9.99", False),
+        ("G3 X9.004 Y0 I-0.5", True),
+        ("G3 X9.006 Y0 I-0.5", False),
+    ):
+        assert (drawn_on_grbl(f"{head}{arc}\n{behind}")[:, 0].min() == -30.0) == taken, arc
+
+
+def test_what_is_compensated_may_not_be_refused_where_the_original_is_not():
+    plain = b"G21 G90 F600\nG0 X10 Y0\nG1 Y1\nY0\nG3 X10 Y0 I-10\nM2\n"
+    broken = plain.replace(b"G3 X10 ", b"G3 X10.1 ")
+    assert compare(Judged("compensated"), "grbl", plain, broken).outcome == "refused"
+    assert compare(Judged("compensated"), "grbl", plain, plain).outcome == "compensated"
+
+
+def test_a_drilling_cycle_ends_above_its_hole():
+    text = "G21 G90 F600\nG0 X0 Y0 Z3\nG98 G81 X5 Z-10 R1\nY9\nG80\nG0 X0 Y0\nG1 Z-1\nX4\nM2\n"
+    drawn = drawn_on_grbl(text)
+    holes = drawn[drawn[:, 2] < -1.0]
+    assert np.unique(holes[:, :2], axis=0).tolist() == [[5.0, 0.0], [5.0, 9.0]]
+    assert drawn[:, 2].min() == -10.0
+    # It comes down to the cut behind them, and not up.
+    assert (np.diff(drawn[(drawn[:, 0] == 0.0)][:, 2]) < 0.0).all()
