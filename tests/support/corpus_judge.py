@@ -79,10 +79,17 @@ _END = re.compile(r"^[N\d\s]*M0?(?:2|30)\b", re.MULTILINE)
 
 _SWITCHES = {
     "siemens": re.compile(r"^[^;\n]*\b(?:TRAORI|TRANSMIT|TRACYL|TRAANG)\b", re.MULTILINE | re.IGNORECASE),
-    "heidenhain": re.compile(r"^[^;\n]*\b(?:M128|FUNCTION TCPM)\b", re.MULTILINE | re.IGNORECASE),
+    "heidenhain": re.compile(
+        r"^[^;\n]*\b(?:M128\b|FUNCTION TCPM\b|PLANE +(?!RESET|SPATIAL)\w|PLANE +SPATIAL\b.*?\bSP[ABC] *[-+]?[0.]*[1-9]"
+        r"|CYCL +DEF +19\.1 .*?[ABC] *[-+]?[0.]*[1-9])",
+        re.MULTILINE | re.IGNORECASE,
+    ),
     "others": re.compile(r"^[^(;\n]*\bM4(?:28|29|30)\b", re.MULTILINE | re.IGNORECASE),
 }
-"""Words with which machines of five axes switch their kinematics, by dialect: X, Y and Z are then no axes of theirs."""
+"""Words with which machines of five axes switch their kinematics, by dialect: X, Y and Z are then no axes of theirs.
+
+So it is in a plane that is tilted, where a head tilts and no table.
+"""
 
 _UNDOTTED = re.compile(r"([XYZIJKR])([-+]?\d+)(?![\d.])")
 

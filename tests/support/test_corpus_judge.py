@@ -55,3 +55,17 @@ def test_a_drilling_cycle_ends_above_its_hole():
     assert drawn[:, 2].min() == -10.0
     # It comes down to the cut behind them, and not up.
     assert (np.diff(drawn[(drawn[:, 0] == 0.0)][:, 2]) < 0.0).all()
+
+
+def test_axes_of_a_tilted_plane_may_be_none_of_the_machine():
+    """A head that swivels leaves the table where it is: a way along the plane's X takes X and Z along then."""
+    lines = ["L X+0 Y+0 Z+9 FMAX", "L Z-1 F300", "L X+9", "L X+0", "END PGM A MM"]
+    upright = [
+        "CYCL DEF 19.1 A+0 B+0",
+        "PLANE SPATIAL SPA0 SPB0.0 SPC-0 MOVE DIST50 F200 TABLE ROT",
+        "PLANE RESET STAY",
+    ]
+    tilted = ["CYCL DEF 19.1 A-90", "PLANE SPATIAL SPA0 SPB+0.5 SPC0 STAY", "PLANE AXIAL B0 STAY", "M128"]
+    for plane in upright + tilted:
+        text = "\n".join(["BEGIN PGM A MM", plane, *lines])
+        assert (played_places("heidenhain", text.encode()) is not None) == (plane in upright), plane
