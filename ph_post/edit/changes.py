@@ -312,7 +312,9 @@ class ChangeWriter:
         if part.crossing is not None and part.crossing.line:
             mode = "G1"
         first = "" if named is not None or mode == self._mode else mode or ""
-        line = block_words.edited_line(self._program, block, exchange, add, first=first).rstrip()
+        line = block_words.edited_line(self._program, block, exchange, add, first=first)
+        # Blanks behind a semicolon belong to the comment.
+        line = line if ";" in line else line.rstrip()
         if part.low > 0.0 or part.high < 1.0:
             line = with_filament(self._program, block, line, part.low, part.high)
         if len(line) + len("\r\n") > self._room and not line.startswith("/"):

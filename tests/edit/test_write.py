@@ -12,6 +12,7 @@ from support.editing import Compensated, compensate, with_edits
 from support.part_programs import distances, samples
 from support.reference_player import interpret
 
+from ph_post.dialects.reading import read_as
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import CrossingEdit, CrossingPart, DipEdit, Edits, OffsetShift, StopEdit, runs_of
 from ph_post.edit.preconditions import why_mixed
@@ -377,6 +378,20 @@ def test_words_in_comments_and_deleted_blocks_stay() -> None:
     last = [line for line in lines(found)[:place] if "X" in line][-1]
     assert re.fullmatch(r"G1 X10 F\d+\.?\d*", last)
     assert lines(found)[place - 1] == "F600"
+
+
+@pytest.mark.parametrize("remark", [" ; ", ";\t", " ; round "])
+@pytest.mark.parametrize(
+    ("dialect", "round_"), [("grbl", "G3 X20 Y0 I-20"), ("marlin", "G3 X20 Y0 I-20"), ("linuxcnc", "G1 X0\nX20 Y9")]
+)
+def test_blanks_that_end_a_comment_stay(dialect: str, round_: str, remark: str) -> None:
+    text = f"G21\nG90\nG1 X0 Y0 F600\nG1 X20 Y0{remark}\n" + "".join(f"{one}{remark}\n" for one in round_.splitlines())
+    text += f"G1 X5{remark}\nG1 X30{remark}\n"
+    found = compensate(text.encode(), STEPPER, dialect=dialect)
+    assert found.text.count(f"{remark}\n".encode()) == text.count(f"{remark}\n")
+    assert b"crossing" in found.text
+    after = read_as(dialect, found.text, "part.ngc")
+    assert verify(found.program, after, tolerance=5e-6, machine=STEPPER).failures == ()
 
 
 def test_axes_beside_x_y_and_z_move_in_units_too() -> None:
