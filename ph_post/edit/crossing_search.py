@@ -85,7 +85,19 @@ class CrossingSearch:
     def costs(self, changes: Mapping[str, Array], coarser: float) -> tuple[Spots, Array]:
         """Return the changes of all axes in the order of travel, and the time [s] that each costs (n,)."""
         spots = self._spots.find(changes, coarser)
-        return spots, self._costs.of(spots, coarser)
+        times = self._costs.of(spots, coarser)
+        times[self._changes_nothing(spots)] = 0.0
+        return spots, times
+
+    def _changes_nothing(self, spots: Spots) -> IntArray:
+        """Return the changes in which an axis keeps its offset and need not be wound up, as Z does on its way down."""
+        offsets = np.zeros((len(AXES), 3))
+        for column in np.unique(spots.column).tolist():
+            offsets[column] = [self.ground.offset(column, sign) for sign in (-1, 0, 1)]
+        signs = spots.rows[:, SIGN].astype(np.int64)
+        same = offsets[spots.column, signs + 1] == offsets[spots.column, spots.before + 1]
+        kept = np.flatnonzero(same & (spots.rows[:, CARRIED] == 0.0)).tolist()
+        return np.array([n for n in kept if not self._winds_up(spots, n)], dtype=np.int64)
 
     def plan(self, changes: Mapping[str, Array], coarser: float) -> PlannedChanges:
         """Plan all changes."""

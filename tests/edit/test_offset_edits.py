@@ -298,6 +298,19 @@ def test_what_is_left_alone_is_named(text: str, why: str) -> None:
     assert any(why in said for said in edits.warnings)
 
 
+def test_what_is_never_written_takes_no_time() -> None:
+    """Z is zeroed on its way down, and only cuts there: nothing is added, so that nothing of the time is reckoned."""
+    sizes = {"X": 0.0, "Y": 0.0, "Z": 0.05 * MM}
+    axes = {
+        name: replace(axis, gap=axis.gap.with_lost_motion(sizes[name]), reference_direction="-")
+        for name, axis in STEPPER.axes.items()
+    }
+    cuts = "".join(f"T{n} M6\nG0 X0 Y{n}\nG0 Z0.1\nG1 Z-1\nX5\nG0 Z0.1\n" for n in range(1, 6))
+    edits = plan(f"G21 G90 G17 F600\nG0 Z9\n{cuts}M2\n", machine=replace(STEPPER, axes=axes))
+    assert edits.empty
+    assert edits.slowdown == 0.0
+
+
 def test_cuts_in_other_units_are_named_and_have_no_offset() -> None:
     edits = plan("G21 G90 F600\nG0 X0 Y0\nG1 X10\nX0\nG20\nX1\nX0\nG21\nX9\nX0\nM2\n", dialect="grbl")
     assert [bool(any(row)) for row in edits.offset] == [True, True, False, False, False, True, False]
