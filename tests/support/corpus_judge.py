@@ -161,7 +161,7 @@ def compare(found: Judged, dialect: str, before: bytes, after: bytes) -> Judged:
     """Play a program before and after compensation, and add to a finding what the tables do."""
     turned = is_lathe(before.decode("utf-8-sig", "replace"))
     if dialect in GRBL:
-        refused = [up_to_refused(_read(data.decode("utf-8-sig", "replace")))[1] for data in (before, after)]
+        refused = [_taken(_read(data.decode("utf-8-sig", "replace")))[1] for data in (before, after)]
         # A mode may be named anew in the line.
         bare = [re.sub(r"G0*[0-3](?!\d)|\s", "", line) for line in refused]
         if bare[1] != bare[0]:
@@ -210,7 +210,7 @@ def played_places(dialect: str, data: bytes, *, turned: bool | None = None) -> t
             return _sampled(told)
         read = _read(text)
         if dialect in GRBL:
-            read, _ = up_to_refused(read)
+            read, _ = _taken(read)
         if dialect == "fanuc":
             read = _UNDOTTED.sub(lambda found: f"{found[1]}{float(found[2]) / THOUSAND}", read)
         laid = _laid(read) if dialect in PRINTERS else None
@@ -228,6 +228,12 @@ def played_places(dialect: str, data: bytes, *, turned: bool | None = None) -> t
 def _read(text: str) -> str:
     """Return what a controller reads of a program: up to its end, and without text."""
     return _UNREAD.sub("", _END.split(text.upper())[0])
+
+
+def _taken(read: str) -> tuple[str, str]:
+    """Return what Grbl takes of a program, and the line that it refuses."""
+    own, placed = (interpret(read, spiral=True, own_center=one) for one in (True, False))
+    return up_to_refused(read, own_center=not _astray(own) or _astray(placed))
 
 
 def _counts_in_any(text: str) -> bool:

@@ -168,7 +168,7 @@ def _hole(
     return [Move(mode, begin, np.array(end), number, feed) for begin, (mode, end) in zip(begins, ends, strict=False)]
 
 
-def up_to_refused(text: str) -> tuple[str, str]:
+def up_to_refused(text: str, *, own_center: bool = True) -> tuple[str, str]:
     """Return a program up to the first arc that Grbl 1.1 refuses, and that line; all of it, and no line, without one.
 
     Behind an error a sender stops. By `gc_execute_line` of its gcode.c an arc ends no more than 5 um, or a thousandth
@@ -176,7 +176,7 @@ def up_to_refused(text: str) -> tuple[str, str]:
     two of the radius that is said.
     """
     lines = text.splitlines(keepends=True)
-    for move in interpret(text):
+    for move in interpret(text, own_center=own_center):
         if move.mode > 1:
             start, end = (place[list(move.plane[:2])] for place in (move.start, move.end))
             first, off = math.dist(start, move.center), abs(math.dist(end, move.center) - math.dist(start, move.center))
