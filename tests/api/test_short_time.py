@@ -127,13 +127,16 @@ def test_crossings_that_take_many_times_what_was_reckoned_are_made_where_there_i
     assert found.time[1] <= 1.1006 * found.time[0]
 
 
-def test_no_axis_is_left_for_itself_in_a_program_that_is_too_long_to_be_simulated() -> None:
+def test_no_axis_is_left_for_itself_in_a_program_that_is_too_long_to_be_simulated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Beside lines at 45 degrees both backlashes are along the line; one of them compensated is across it."""
     ends = "".join(
         f"G1 X{k % 2 * 5 + k * 0.02:.2f} Y{k % 2 * 5}\nG1 X{k % 2 * 5 + k * 0.02 + 0.3:.2f}\n"
         f"G1 X{k % 2 * 5 + k * 0.02 + 0.02:.2f}\n"
-        for k in range(1100)
+        for k in range(200)
     )
+    monkeypatch.setattr(guard, "LONGEST_SIMULATED", 0.0)
     text = f"G21 G90 G17 G94\nG0 X0 Y0 Z5\nG1 Z-1 F120\n{ends}G0 Z5\nM2\n".encode()
     source, options = SourceBytes(name="a.nc", stem="a", data=text), CompensateOptions(max_slowdown=0.005)
     result = compensated_source(source, stepper("grbl"), options, "program", no_progress)
