@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from scipy.spatial import cKDTree
 from support import firmware_planners as grbl
 from support.editing import compensate, with_edits
 from support.reference_player import BEGINS, Move, interpret, play
@@ -124,10 +125,11 @@ def _chords(move: Move) -> int:
     return grbl.grbl_chords(float(np.linalg.norm(move.start[:2] - np.array(move.center))), abs(move.sweep), "0.002")
 
 
-def near(place: np.ndarray, points: np.ndarray, lasts: np.ndarray) -> float:
-    """How long the points are within one backlash of a place [s]."""
-    off = points - place
-    return float(lasts[np.einsum("ij,ij->i", off, off) <= GAP**2].sum())
+def near(places: list[np.ndarray], points: np.ndarray, lasts: np.ndarray) -> list[float]:
+    """How long the points are within one backlash of each place [s]."""
+    lit = lasts > 0.0
+    found = cKDTree(points[lit]).query_ball_point(places, GAP) if places else []
+    return [float(lasts[lit][some].sum()) for some in found]
 
 
 def stopped(one: Move, other: Move) -> float:
@@ -147,9 +149,10 @@ def corners(text: str, made: str) -> Iterator[tuple[Move, Move, float, float]]:
     path, motor, lasts = burnt(text)
     _, driven, stays = burnt(made)
     table = np.stack([*(play(driven[:, axis], GAP, 0.0) for axis in (0, 1)), driven[:, 2]], axis=1)
-    for one, other in pairwise(path):
-        if np.array_equal(one.end, other.start):
-            yield one, other, near(one.end, motor, lasts), near(one.end, table, stays)
+    met = [(one, other) for one, other in pairwise(path) if np.array_equal(one.end, other.start)]
+    places = [one.end for one, _ in met]
+    for (one, other), before, after in zip(met, near(places, motor, lasts), near(places, table, stays), strict=True):
+        yield one, other, before, after
 
 
 @pytest.mark.parametrize("feed", [30.0, 100.0, 300.0, 800.0, 1500.0, 2400.0])
