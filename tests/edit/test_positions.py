@@ -55,14 +55,9 @@ def where(text, gaps, sides, begin=BEGINS[0]):
     moves = interpret(text, begin)
     found = run(moves)
     table = [play(found.motor[:, axis], gap, side) for axis, (gap, side) in enumerate(zip(gaps, sides, strict=True))]
-    rows, down = [], False
-    for n, k in enumerate(found.owner):
-        deep = found.motor[n, 2] < -2.9
-        if deep and not down:
-            rows.append([column[n] for column in table])
-        down = deep
-        assert k >= 0
-    return np.array(rows)
+    deep = found.motor[:, 2] < -2.9
+    reached = deep & ~np.concatenate([[False], deep[:-1]])
+    return np.stack(table, axis=1)[reached]
 
 
 SIDES = tuple(itertools.product((-1.0, 0.3, 1.0), repeat=2))

@@ -70,13 +70,12 @@ def tables(text, sides):
         if behind is None or np.isnan(behind).any():
             behind = [one - side * half for one, side in zip(end, sides, strict=True)]
             continue
-        way = []
-        for share in np.linspace(0.0, 1.0, 401):
-            ahead = [a + share * (b - a) for a, b in zip(start, end, strict=True)]
-            behind = [min(max(own, one - half), one + half) for own, one in zip(behind, ahead, strict=True)]
-            way.append([behind[0], behind[1] - half])
+        # An axis goes one way along a line: it stands until a side of the backlash comes to it.
+        ahead = np.array(start) + np.linspace(0.0, 1.0, 401)[:, None] * np.subtract(end, start)
+        way = np.clip(behind, ahead - half, ahead + half)
+        behind = way[-1]
         if mode == 33:
-            found.append(np.array(way))
+            found.append(way - [0.0, half])
     return found
 
 
