@@ -342,5 +342,17 @@ class ProgramMotion(MotionResult):
             return None
         return _largest_sides(left_of_path(found, self.cut.path, self.original)[found.counted])
 
-    def _gap_error(self, tried: Sequence[Scenario]) -> ContourError | None:
-        return program_gap_error(self.cut, self._plain.cut, tried, led=self._led)
+    def last_motion_off(self, size: float) -> int:
+        """Return the last motion of the original with a larger error [m], at the machine file's values; -1 for none."""
+        found = self.assessment
+        rows = np.zeros(0, np.int64) if found is None else np.flatnonzero(found.counted & (found.distance > size))
+        return -1 if found is None or not rows.size else int(found.motion[rows].max())
+
+    def error_gap_behind(self, motion: int) -> ContourError | None:
+        """Return the contour error that backlash causes behind a motion of the original [m]; None where none is cut."""
+        if self.assessment is None or not self._known:
+            return None
+        return self._gap_error((self.assessment.run.scenario,), motion)
+
+    def _gap_error(self, tried: Sequence[Scenario], behind: int = -1) -> ContourError | None:
+        return program_gap_error(self.cut, self._plain.cut, tried, led=self._led, behind=behind)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.compensated_program import CompensatedProgram
@@ -38,6 +39,9 @@ from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.types import ROTARY_AXES, Command, Machine, Plan
 from ph_post.units import DEGREE, MINUTE, MM
 
+LEFT_EARLY: Final = 0.5
+"""Part of the largest error before; where more is left of it, with all reversals compensated, its lines are named."""
+
 HIDING: Final = 1.1
 """Times the backlash error that the error by all causes is before it is said beside it."""
 
@@ -58,7 +62,8 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     where the part is on the left, -1 where it is on the right. `leads` names what the compensated motion leads, and
     friction even where that is left; empty where nothing: what backlash alone adds hides behind that before, and the
     error by all causes is said too.
-    `further` are axes beside X, Y and Z, `holes` X and Y at the holes of drilling cycles.
+    `further` are axes beside X, Y and Z, `holes` X and Y at the holes of drilling cycles. `early` is the line, from 1,
+    up to which the largest error is left though all reversals are compensated, and what backlash adds behind it.
     """
 
     time: tuple[float, float] | None = None
@@ -77,6 +82,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     leads: str = ""
     further: tuple[FurtherError, ...] = ()
     holes: tuple[FurtherError, ...] = ()
+    early: tuple[int, ContourError] | None = None
 
 
 def summarize(result: Compensation, output: PlanOutput | None = None, *, simulated: bool = True) -> ResultSummary:
@@ -115,7 +121,29 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
             further=path.shifted.errors,
             holes=path.shifted.hole_errors,
         )
-    return _counted(found or ResultSummary(), rows, warnings, notes)
+    found = _counted(found or ResultSummary(), rows, warnings, notes)
+    if isinstance(path, ProgramCompensation) and simulated and not found.left:
+        found = msgspec.structs.replace(found, early=_left_early(path, found))
+    return found
+
+
+def _left_early(path: ProgramCompensation, found: ResultSummary) -> tuple[int, ContourError] | None:
+    """Return the line up to which a large error is left, and what backlash adds behind it; None where there is none.
+
+    An axis comes onto a known side of its backlash at the first cut, or where it first turns back: a line at feed that
+    only goes there, through the air, keeps its error.
+    """
+    before, now = found.error_gap
+    if before is None or now is None or not found.axes or now.max <= LEFT_EARLY * before.max:
+        return None
+    after = path.after
+    assert isinstance(after, ProgramMotion)
+    motion = after.last_motion_off(LEFT_EARLY * now.max)
+    line = int(after.original.own_lines_of(np.array([motion]))[0]) + 1
+    if motion < 0 or any(one.line < line for one in path.places):
+        return None
+    behind = after.error_gap_behind(motion)
+    return None if behind is None or behind.max > LEFT_EARLY * now.max else (line, behind)
 
 
 def summarize_plans(
@@ -217,7 +245,7 @@ def result_lines(found: ResultSummary) -> list[str]:
     backlash error 47 → 2 µm max (7 if the backlash is 20 % off), 24 → 0.3 µm rms; 48.5 → 49.2 s; \
 X, Y, Z compensated, 42 of 42 reversals
     """
-    parts = [_error_words(found)]
+    parts = [_error_words(found), *_early_words(found)]
     if found.time is not None:
         before, after = rounded_seconds(*found.time)
         parts += [f"into the part {_into_part(found)}"] if _into_part(found) else []
@@ -227,6 +255,17 @@ X, Y, Z compensated, 42 of 42 reversals
     parts += [words for words in [_axis_words(found), *_whole_error_words(found)] if words]
     said = [f"NOT COMPENSATED: {found.left}"] if found.left else []
     return [*said, "; ".join(parts)]
+
+
+def _early_words(found: ResultSummary) -> list[str]:
+    """Say up to which line a large error is left."""
+    if found.early is None:
+        return []
+    line, behind = found.early
+    return [
+        f"the largest is left up to line {line}, where nobody knows yet on which side of its backlash an axis is;"
+        f" {rounded_micrometres(behind.max)} µm max behind it"
+    ]
 
 
 def _led(plan: Plan) -> str:
@@ -334,6 +373,7 @@ def summary_view(found: ResultSummary) -> dict[str, Any]:
         "error": dict(zip(("before", "after"), map(error_view, found.error), strict=True)),
         "error_gap": {"before": before, "after": after, "after_worst": error_view(found.error_gap_worst)},
         "error_sides": dict(zip(("before", "after"), map(_sides, found.sides), strict=True)),
+        "error_early": None if found.early is None else {"line": found.early[0], "behind": error_view(found.early[1])},
         "part_side": {1: "left", -1: "right"}.get(found.part_side),
         "reversals": None if found.reversals is None else found.reversals._asdict(),
         "axes": list(found.axes),

@@ -31,7 +31,7 @@ GAPS: Final = 4.0
 
 
 def program_gap_error(
-    cut: FollowedCut, plain: FollowedCut, tried: Sequence[Scenario], *, led: bool = False
+    cut: FollowedCut, plain: FollowedCut, tried: Sequence[Scenario], *, led: bool = False, behind: int = -1
 ) -> ContourError | None:
     """Return the largest error in some scenarios that backlash causes.
 
@@ -52,13 +52,15 @@ def program_gap_error(
         See :func:`ph_post.simulate.assess.backlash_scenarios`.
     led : bool
         Whether `plain` is the same program without what crosses backlash, both with the lead of the servos.
+    behind : int
+        Only what is cut behind this motion of the original counts.
 
     Returns
     -------
     ContourError or None
         None where nothing is cut.
     """
-    machine, rows = cut.machine, np.flatnonzero(cut.counted)
+    machine, rows = cut.machine, np.flatnonzero(cut.counted & (cut.motion > behind))
     if rows.size == 0:
         return None
     if plain is cut and not led:
