@@ -149,9 +149,8 @@ def search_scenarios(machine: Machine, axes: Sequence[str]) -> tuple[tuple[Scena
     drives = [machine.axes[name] for name in axes]
     inside = [axis for axis in drives if axis.loop.encloses_backlash]
     rules = PICKUPS if any(axis.gap.pickup is None for axis in inside) else (None,)
-    spread = max(axis.uncertainty.backlash for axis in drives)
-    gaps = (1.0,) if spread == 0.0 else (1.0, 1.0 - spread, 1.0 + spread)
-    found = [Scenario(pickup=rule, gap=gap) for gap in gaps for rule in rules]
+    spreads = (0.0, -1.0, 1.0) if any(axis.uncertainty.backlash for axis in drives) else (0.0,)
+    found = [Scenario(pickup=rule, spread=spread) for spread in spreads for rule in rules]
     rubs = max((axis.uncertainty.friction for axis in drives if friction_of(axis) is not None), default=0.0)
     if rubs > 0.0:
         found += [Scenario(pickup=rule, friction=factor) for factor in (1.0 - rubs, 1.0 + rubs) for rule in rules]

@@ -192,7 +192,7 @@ def without_design(request: ProfileRequest, machine: Machine) -> ProfileRequest:
 
 def _case(scenario: Scenario) -> object:
     """Return what must not become worse by itself: a pick-up rule, a backlash, a friction, tables that run on."""
-    return scenario.pickup, scenario.gap, scenario.friction, scenario.runs_on
+    return scenario.pickup, scenario.gap, scenario.spread, scenario.friction, scenario.runs_on
 
 
 class Checker:

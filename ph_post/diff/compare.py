@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 import msgspec
@@ -21,11 +22,11 @@ from ph_post.diff.feeds import (
     programmed_timing,
 )
 from ph_post.diff.paths import ComparedPaths, Span, compare_paths, largest_deviation, refine_deviations
-from ph_post.drive.axes import has_backlash
+from ph_post.drive.axes import backlash_uncertainties
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError, TooLargeError
 from ph_post.gcode.program import RAPID, PartProgram, runs
-from ph_post.simulate.assess import backlash_scenarios
+from ph_post.simulate.assess import backlash_scenarios, is_nominal
 from ph_post.simulate.contour import ContourError
 from ph_post.simulate.controllers.deviation import (
     cut_error,
@@ -57,15 +58,15 @@ class Deviation(msgspec.Struct, frozen=True, kw_only=True):
 class PredictedErrors(msgspec.Struct, frozen=True, kw_only=True):
     """Predicted contour errors of two programs, by all causes and by backlash; None where they were not found.
 
-    `gap_worst` is the largest that backlash causes in the second if it is off by its `uncertainty`, the largest
-    of the axes that move. An error is measured from the path of the original that a program declares; where B
+    `gap_worst` is the largest that backlash causes in the second if it is off by its `uncertainty`, of each
+    axis that moves. An error is measured from the path of the original that a program declares; where B
     declares none, from that of A.
     """
 
     errors: tuple[ContourError | None, ContourError | None]
     gaps: tuple[ContourError | None, ContourError | None]
     gap_worst: ContourError | None
-    uncertainty: float
+    uncertainty: Mapping[str, float]
 
 
 class Comparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -199,12 +200,11 @@ def predict_errors(
     plain = {programs[0].data: runs[0].command} if runs[0].command is not None else {}
     found = [_predicted(runs[k], programs[k], targets[k], machine, plain, worst=k == 1) for k in (0, 1)]
     moved = {name for one in runs if one.command is not None for name in moving_axes(one.command).axes}
-    spreads = [machine.axes[name].uncertainty.backlash for name in moved if has_backlash(machine.axes[name])]
     return PredictedErrors(
         errors=(found[0][0], found[1][0]),
         gaps=(found[0][1], found[1][1]),
         gap_worst=found[1][2],
-        uncertainty=max(spreads, default=0.0),
+        uncertainty=backlash_uncertainties(machine, moved),
     )
 
 
@@ -226,7 +226,7 @@ def _predicted(
         return None, None, None
     cut = follow_cut(command, machine, target, moved_by=program)
     known = backlash_scenarios(cut.scenarios())
-    found = cut_error(cut, [one for one in known if one.gap == 1.0])
+    found = cut_error(cut, [one for one in known if is_nominal(one)])
     original = cut
     if target.data != program.data:
         if target.data not in plain:

@@ -27,6 +27,13 @@ def has_backlash(axis: Axis) -> bool:
     return axis.gravity_side is None and (axis.gap.lost_motion > 0.0 or backlash_varies(axis))
 
 
+def backlash_uncertainties(machine: Machine, names: Iterable[str]) -> dict[str, float]:
+    """Return the relative uncertainty of the backlash of each of some axes that has any, in the machine's order."""
+    wanted = set(names)
+    axes = {name: axis for name, axis in machine.axes.items() if name in wanted}
+    return {name: axis.uncertainty.backlash for name, axis in axes.items() if has_backlash(axis)}
+
+
 def side_offsets(axis: Axis) -> tuple[float, float]:
     """Lasting offsets of an axis' command while it moves to minus and while it moves to plus.
 

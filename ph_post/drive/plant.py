@@ -204,7 +204,7 @@ def base_plant(axis: Axis, scenario: Scenario) -> Plant:
         cascade=axis.servo.cascade,
         eta=min(eta / scenario.gain, 1.0),
         beta=(gap.beta or 0.0) * scenario.beta,
-        gap=gap.lost_motion * scenario.gap,
+        gap=gap.lost_motion * scenario.gap_factor(axis.uncertainty.backlash),
         reference=axis.reference_side,
         pickup=gap.pickup or scenario.pickup or "standstill",
     )

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.quantities import NOTHING, micrometres, millimetres
 from ph_post.report.page import evenly, make_page, numbers, rows_to_draw
-from ph_post.report.result_line import ResultSummary, result_lines
+from ph_post.report.result_line import ResultSummary, off_words, result_lines
 from ph_post.report.tables import format_table
 from ph_post.report.traces import DrawnMotion, Mark, Picture
 from ph_post.report.views import View, error_view, machine_table
@@ -66,14 +66,14 @@ def motion_summary(picture: Picture) -> str:
 
 
 def _result(found: ResultSummary) -> View:
-    """Return the numbers of the line of result for the page's tiles: errors in µm, the spread of the backlash in %."""
+    """Return what the line of result has for the page's tiles: errors in µm, and how far off the backlash may be."""
     before, after = found.error_gap
     known = before is not None and after is not None
     return {
         "before": _sizes(before) if known else None,
         "after": _sizes(after) if known else None,
         "worst": None if found.error_gap_worst is None else found.error_gap_worst.max / MICROMETRE,
-        "spread": 100.0 * found.uncertainty,
+        "spread": off_words(found.uncertainty),
         "reversals": None if found.reversals is None else found.reversals._asdict(),
         "axes": list(found.axes),
     }

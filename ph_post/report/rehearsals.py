@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ph_post.drive.axes import has_backlash
+from ph_post.drive.axes import backlash_uncertainties
 from ph_post.files.check import counted
 from ph_post.quantities import NOTHING, before_and_after, micrometres, seconds
 from ph_post.rehearse.rehearse import Execution, Rehearsal
@@ -72,13 +72,12 @@ def _result_lines(found: Rehearsal) -> list[str]:
     if found.before is None:
         return [] if found.nominal else ["the error is not known: the path that offsets shift is not given"]
     before, after, worst = found.gaps
-    own = {name: found.machine.axes[name] for name in moved_axes(found.program)}
     summary = ResultSummary(
         time=(found.before.time, found.real.time),
         error=(found.before.error.error, found.real.error.error),
         error_gap=(before, after),
         error_gap_worst=worst,
-        uncertainty=max((axis.uncertainty.backlash for axis in own.values() if has_backlash(axis)), default=0.0),
+        uncertainty=backlash_uncertainties(found.machine, moved_axes(found.program)),
         axes=declared_axes(found.program),
     )
     return result_lines(summary)

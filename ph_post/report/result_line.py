@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import msgspec
@@ -28,7 +28,7 @@ from ph_post.bounds import LONGEST_SIMULATED
 from ph_post.compensate.friction import friction_of_machine
 from ph_post.compensate.options import PlanOutput
 from ph_post.dialects.declaration import read_declaration
-from ph_post.drive.axes import has_backlash
+from ph_post.drive.axes import backlash_uncertainties
 from ph_post.errors import InputError, PhPostError
 from ph_post.files.check import counted
 from ph_post.gcode.program import PartProgram
@@ -54,10 +54,10 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
 
     `time` before and after [s]; `error` by all causes and `error_gap` what backlash adds, before and after;
     `error_worst` the first of the compensated motion on the worst machine that the file leaves possible;
-    `error_gap_worst` that of the compensated motion if the backlash is off by its relative `uncertainty`. What was
-    not simulated, or cannot be, is None. `axes` are compensated, `reversals` counts those of axes with backlash,
-    None where that is not known. `left` says what is not compensated, and what would change that; `trouble` why
-    nothing could be simulated. `alone` where both motions are one, and nothing is compared.
+    `error_gap_worst` that of the compensated motion if the backlash of each axis is off by its relative `uncertainty`.
+    What was not simulated, or cannot be, is None. `axes` are compensated, `reversals` counts those of axes with
+    backlash, None where that is not known. `left` says what is not compensated, and what would change that; `trouble`
+    why nothing could be simulated. `alone` where both motions are one, and nothing is compared.
     `sides` are the largest distances to the left and to the right of the path before and after [m], and `part_side` 1
     where the part is on the left, -1 where it is on the right. `leads` names what the compensated motion leads, and
     friction even where that is left; empty where nothing: what backlash alone adds hides behind that before, and the
@@ -71,7 +71,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     error_worst: ContourError | None = None
     error_gap: tuple[ContourError | None, ContourError | None] = (None, None)
     error_gap_worst: ContourError | None = None
-    uncertainty: float = 0.0
+    uncertainty: Mapping[str, float] = {}
     axes: tuple[str, ...] = ()
     reversals: ReversalCount | None = None
     left: str = ""
@@ -213,7 +213,6 @@ def summarize_motions(
     before: MotionResult, after: MotionResult, machine: Machine, axes: Iterable[str]
 ) -> ResultSummary:
     """Summarize the errors and times of two motions of some axes of a machine."""
-    spreads = [machine.axes[name].uncertainty.backlash for name in axes if has_backlash(machine.axes[name])]
     return ResultSummary(
         time=(before.time, after.time),
         error=(before.error, after.error),
@@ -221,7 +220,7 @@ def summarize_motions(
         error_gap=(before.error_gap, after.error_gap),
         error_gap_worst=after.error_gap_worst,
         sides=(before.sides, after.sides),
-        uncertainty=max(spreads, default=0.0),
+        uncertainty=backlash_uncertainties(machine, axes),
     )
 
 
@@ -236,7 +235,7 @@ def result_lines(found: ResultSummary) -> list[str]:
     ...     time=(48.51, 49.22),
     ...     error_gap=(size(47e-6, 24e-6), size(2e-6, 0.3e-6)),
     ...     error_gap_worst=size(7e-6, 3e-6),
-    ...     uncertainty=0.2,
+    ...     uncertainty={"X": 0.2, "Y": 0.2},
     ...     axes=("X", "Y", "Z"),
     ...     reversals=ReversalCount(42, 42),
     ... )
@@ -331,10 +330,23 @@ def _error_words(found: ResultSummary) -> str:
     if not found.alone:
         high, low = f"{rounded_micrometres(before.max)} → {high}", f"{rounded_micrometres(before.rms)} → {low}"
     worst = ""
-    if found.error_gap_worst is not None and found.uncertainty > 0.0:
-        size = rounded_micrometres(found.error_gap_worst.max)
-        worst = f" ({size} if the backlash is {100.0 * found.uncertainty:.2g} % off)"
+    if found.error_gap_worst is not None and (off := off_words(found.uncertainty)):
+        worst = f" ({rounded_micrometres(found.error_gap_worst.max)} if the backlash is {off} off)"
     return f"backlash error {high} µm max{worst}, {low} µm rms"
+
+
+def off_words(uncertainty: Mapping[str, float]) -> str:
+    """Say by how much the backlash of axes may be off; empty where it is known exactly.
+
+    Examples
+    --------
+    >>> off_words({"X": 0.2, "Y": 0.2}), off_words({"X": 0.05, "Y": 0.2}), off_words({"X": 0.0})
+    ('20 %', 'X 5 %, Y 20 %', '')
+    """
+    sizes = {name: f"{100.0 * size:.2g} %" for name, size in uncertainty.items() if size > 0.0}
+    if len(set(sizes.values())) == 1 and len(sizes) == len(uncertainty):
+        return next(iter(sizes.values()))
+    return ", ".join(f"{name} {size}" for name, size in sizes.items())
 
 
 def _axis_words(found: ResultSummary) -> str:

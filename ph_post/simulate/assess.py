@@ -93,7 +93,7 @@ def assess(
     errors = contour_errors(command, machine, nominal, tried)
     decides, worst = decisive(errors, tried)
     run, nearest = _measured(command, machine, nominal, tried[decides])
-    without = _measured(command, machine, nominal, replace(tried[decides], gap=0.0))
+    without = _measured(command, machine, nominal, tried[decides].without_backlash)
     added = _added(nominal, (run, nearest), without)[first:]
     signed, s = nearest.error[first:], command.s[first:]
     loop = nominal.length if nominal.closed and command.feed[0] != 0.0 else None
@@ -211,13 +211,13 @@ def gap_error(
         The same rows without what `command` adds to the path to cross backlash.
     """
     first = first_counted(command, machine)
-    gapless = tuple(dict.fromkeys(replace(one, gap=0.0) for one in tried))
+    gapless = tuple(dict.fromkeys(one.without_backlash for one in tried))
     runs = run_scenarios(lambda one: _measured(plain, machine, nominal, one), gapless)
     without = dict(zip(gapless, runs, strict=True))
 
     def added(scenario: Scenario) -> ContourError | None:
         run = _measured(command, machine, nominal, scenario)
-        return contour_error(_added(nominal, run, without[replace(scenario, gap=0.0)])[first:])
+        return contour_error(_added(nominal, run, without[scenario.without_backlash])[first:])
 
     errors = run_scenarios(added, tried)
     return errors[_largest(errors, range(len(errors)))]
@@ -243,11 +243,11 @@ def scenarios(machine: Machine, axes: Sequence[str], resting: Collection[str] | 
     Tried are every combination of initial flanks of the axes that rest at the beginning and do not say their own,
     and every pick-up rule where an axis with a scale on the table names none; with each of these the gap larger
     and smaller by its uncertainty; with each rule β, C and friction, likewise, on the first flanks alone, as they
-    change the way through the gap and not where it is entered. All axes have the same rule and factors; of axes with
-    different uncertainties the largest counts. What makes no difference to any axis is left out: of two axes at most
-    48 are left, 16 where the rule is known, 12 where no axis has a scale on the table; of three 84, 28 and 24. Where
-    an axis has friction it is 6 more, 2 where the rule is known; 2 more where a table that its motor does not hold may
-    run on in its backlash, as the motor brakes harder than friction.
+    change the way through the gap and not where it is entered. All axes have the same rule and factors; the gap of
+    each is off by its own uncertainty, of β, C and friction the largest counts. What makes no difference to any axis is
+    left out: of two axes at most 48 are left, 16 where the rule is known, 12 where no axis has a scale on the table; of
+    three 84, 28 and 24. Where an axis has friction it is 6 more, 2 where the rule is known; 2 more where a table that
+    its motor does not hold may run on in its backlash, as the motor brakes harder than friction.
 
     Parameters
     ----------
@@ -275,11 +275,12 @@ def scenarios(machine: Machine, axes: Sequence[str], resting: Collection[str] | 
     rules: tuple[Any, ...] = PICKUPS if open_rule else (None,)
     nominal = [replace(one, pickup=rule) for rule in rules for one in sides]
     found = list(nominal)
-    for name, uncertain in (("backlash", "gap"), ("beta", "beta"), ("gain", "gain"), ("friction", "friction")):
+    for sign in (1.0, -1.0):
+        found += [replace(one, spread=sign) for one in nominal]
+    for name in ("beta", "gain", "friction"):
         spread = max(getattr(axis.uncertainty, name) for axis in drives)
-        bases = nominal if uncertain == "gap" else nominal[:: len(sides)]
         for factor in (1.0 + spread, max(1.0 - spread, 0.0)):
-            found += [replace(one, **{uncertain: factor}) for one in bases]
+            found += [replace(one, **{name: factor}) for one in nominal[:: len(sides)]]
     found += [replace(nominal[0], runs_on=factor) for factor in RUNS_ON]
     return _distinct(found, drives, resting)
 
@@ -313,7 +314,7 @@ def _looks(axis: Axis, scenario: Scenario, rests: bool) -> object:
 
 def is_nominal(scenario: Scenario) -> bool:
     """Return whether a scenario has the values of the machine file."""
-    exact = scenario.gap == scenario.beta == scenario.gain == scenario.friction == 1.0
+    exact = scenario.spread == 0.0 and scenario.gap == scenario.beta == scenario.gain == scenario.friction == 1.0
     return exact and scenario.runs_on is None
 
 
@@ -371,5 +372,7 @@ def scenario_words(scenario: Scenario) -> str:
         ("friction", scenario.friction),
     )
     words += [f"{name} × {factor:g}" for name, factor in factors if factor != 1.0]
+    if scenario.spread:
+        words.append(f"backlash {'larger' if scenario.spread > 0.0 else 'smaller'} by its uncertainty")
     words += ["the table runs on in its backlash"] if scenario.runs_on is not None else []
     return ", ".join(words) or "the values of the machine file"

@@ -226,8 +226,9 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     `pickup` and `flank` stand in place of what the file leaves open (None: standstill, and the flank "+"); the
     axes in `opposite` stand on the other flank. `gap`, `beta`, `gain` and `friction` are factors on the file's values.
-    A gap of 0 is the machine without backlash. Tables behind their motors stay in their backlash where nothing pushes
-    them; with `runs_on` they run on, slowed by so many times the friction of the file.
+    A gap of 0 is the machine without backlash. With `spread` the backlash of each axis is larger by so many times its
+    own uncertainty, smaller where that is negative. Tables behind their motors stay in their backlash where nothing
+    pushes them; with `runs_on` they run on, slowed by so many times the friction of the file.
     """
 
     pickup: Pickup | None = None
@@ -237,4 +238,14 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     beta: float = 1.0
     gain: float = 1.0
     friction: float = 1.0
+    spread: float = 0.0
     runs_on: float | None = None
+
+    def gap_factor(self, uncertainty: float) -> float:
+        """Return the factor on the backlash of an axis with a relative uncertainty of it."""
+        return self.gap * max(1.0 + self.spread * uncertainty, 0.0)
+
+    @property
+    def without_backlash(self) -> Scenario:
+        """The same machine without backlash."""
+        return msgspec.structs.replace(self, gap=0.0, spread=0.0)

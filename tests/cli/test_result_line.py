@@ -345,3 +345,45 @@ def test_a_table_of_an_unknown_kind_is_refused_before_anything_is_planned(
 ) -> None:
     assert main(["convert", "nowhere.json", "-m", "nowhere.toml", "--table", str(tmp_path / "t.xls")]) == 2
     assert "unknown kind of table; expected one of .csv, .npz, .parquet; got .xls" in capsys.readouterr().err
+
+
+MEASURED = """name = "measured"
+[controller]
+dialect = "linuxcnc"
+servo_period_ms = 1.0
+[axes.X]
+feedback = "none"
+b = 0
+c = 0
+lost_motion_mm = 0.1
+backlash_uncertainty = {x}
+max_velocity_mm_s = 80
+max_acceleration_mm_s2 = 800
+max_jerk_mm_s3 = 20000
+[axes.Y]
+feedback = "none"
+b = 0
+c = 0
+lost_motion_mm = 0.02
+backlash_uncertainty = {y}
+max_velocity_mm_s = 80
+max_acceleration_mm_s2 = 800
+max_jerk_mm_s3 = 20000
+"""
+SQUARE = "G21 G90 G61\nG0 X5 Y5\nG1 X35 F600\nG1 Y25\nG1 X5\nG1 Y5\nG1 X35\nM2\n"
+
+
+@pytest.mark.parametrize(("x", "y", "words"), [(0.05, 0.2, "X 5 %, Y 20 %"), (0.05, 0.05, "5 %"), (0.1, 0, "X 10 %")])
+def test_the_backlash_of_each_axis_is_off_by_what_its_own_measurement_leaves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], x: float, y: float, words: str
+) -> None:
+    (tmp_path / "measured.toml").write_text(MEASURED.format(x=x, y=y))
+    (tmp_path / "part.ngc").write_text(SQUARE)
+    arguments = ["convert", str(tmp_path / "part.ngc"), "-m", str(tmp_path / "measured.toml"), "--json"]
+    assert main(arguments) == 0
+    view = json.loads(capsys.readouterr().out)
+    # The table is off by half of what the backlash of its axis is: across a side by its axis, in a corner by both.
+    off = (1e3 * x * 0.1 / 2, 1e3 * y * 0.02 / 2)
+    worst = 1e3 * view["error_gap"]["after_worst"]["max"]
+    assert max(off) - 0.2 <= worst <= (off[0] ** 2 + off[1] ** 2) ** 0.5 + 0.6
+    assert re.search(r"\([\d.]+ if the backlash is (.*) off\)", view["result_line"])[1] == words  # type: ignore[index]

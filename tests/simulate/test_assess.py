@@ -72,7 +72,7 @@ def test_the_worse_flank_and_the_worst_case_decide():
     }
     assert found.error.max == max(alone[(*side, 1.0)] for side in sides)
     assert found.error_worst.max == max(alone.values())
-    assert {(one.flank, one.opposite, one.gap) for one in found.scenarios} == set(alone)
+    assert {(one.flank, one.opposite, one.gap_factor(0.2)) for one in found.scenarios} == set(alone)
 
 
 @pytest.mark.parametrize(
@@ -98,12 +98,12 @@ def machine(name, **gap):
 def test_scenarios_try_what_the_file_leaves_open():
     tried = scenarios(machine("mill"), ("X", "Y"))
     assert tried[0] == Scenario(pickup="standstill", flank="+")
-    nominal = [one for one in tried if one.gap == one.beta == one.gain == 1.0]
+    nominal = [one for one in tried if one.beta == one.gain == 1.0 and one.spread == 0.0]
     assert list(tried[: len(nominal)]) == nominal
     assert {(one.pickup, one.flank, one.opposite) for one in nominal} == set(product(PICKUPS, "+-", ((), ("Y",))))
-    assert {one.gap for one in tried} == {one.beta for one in tried} == {one.gain for one in tried}
-    assert {one.gap for one in tried} == {1.0, 1.2, 0.8}
-    assert all([one.gap, one.beta, one.gain].count(1.0) >= 2 for one in tried)
+    factors = {one.gap_factor(0.2) for one in tried}
+    assert factors == {one.beta for one in tried} == {one.gain for one in tried} == {1.0, 1.2, 0.8}
+    assert all([one.gap_factor(0.2), one.beta, one.gain].count(1.0) >= 2 for one in tried)
 
 
 def test_every_combination_of_sides_is_tried_once():
@@ -113,7 +113,7 @@ def test_every_combination_of_sides_is_tried_once():
         return [
             tuple(first_flank(machine.axes[name], one) for name in axes)
             for one in scenarios(machine, axes, **how)
-            if one.gap == one.beta == one.gain == 1.0 and one.pickup in {None, "standstill"}
+            if one.beta == one.gain == 1.0 and one.spread == 0.0 and one.pickup in {None, "standstill"}
         ]
 
     drives = machine("mill", initial_flank="unknown")
@@ -134,10 +134,14 @@ def test_scenarios_leave_alone_what_the_file_says():
     assert scenarios(machine("router", lost_motion=0.0), ("X", "Y")) == (Scenario(flank="+"),)
 
 
-def test_the_largest_uncertainty_of_the_axes_counts():
+def test_the_backlash_of_each_axis_is_off_by_its_own_uncertainty():
     # router.toml: 0.3 on X and Y, and the default 0.2 on Z.
-    assert {one.gap for one in scenarios(machine("router"), ("X", "Z"))} == {1.0, 1.3, 0.7}
-    assert {one.gap for one in scenarios(machine("router"), ("Z",))} == {1.0, 1.2, 0.8}
+    axes = machine("router").axes
+    tried = scenarios(machine("router"), ("X", "Z"))
+    factors = {tuple(round(plant_of(axes[n], one).gap / axes[n].gap.lost_motion, 9) for n in "XZ") for one in tried}
+    assert factors == {(1.0, 1.0), (1.3, 1.2), (0.7, 0.8)}
+    tried = scenarios(machine("router"), ("Z",))
+    assert {round(plant_of(axes["Z"], one).gap / axes["Z"].gap.lost_motion, 9) for one in tried} == {1.0, 1.2, 0.8}
 
 
 def test_friction_is_tried_larger_and_smaller_on_axes_that_have_some():

@@ -83,6 +83,7 @@ def plant_of(axis: Axis, scenario: Scenario) -> Plant:
         brakes = friction_brakes(plant)
         runs_on = max(1.0, scenario.runs_on) * brakes < axis.limits.acceleration
         plant = replace(plant, slows=scenario.runs_on * brakes if runs_on else math.inf)
-    if plant.widening is None or scenario.gap == 1.0:
+    factor = scenario.gap_factor(axis.uncertainty.backlash)
+    if plant.widening is None or factor == 1.0:
         return plant
-    return replace(plant, widening=scale_profile(plant.widening, scenario.gap))
+    return replace(plant, widening=scale_profile(plant.widening, factor))

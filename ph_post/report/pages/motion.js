@@ -27,7 +27,7 @@ const first = RUNS[0], last = RUNS[RUNS.length - 1], changed = RUNS.length > 1;
   const what = R.before && R.after ? "Backlash error" : "Contour error";
   sizes(`${what}, largest, µm`, both("max"), one => one.error && 1000 * one.error.max);
   sizes(`${what}, rms, µm`, both("rms"), one => one.error && 1000 * one.error.rms);
-  if (R.worst !== null && R.spread) tile(`Backlash ${few(R.spread)} % off, µm`, [micrometres(R.worst)], "largest error then", [changed ? "em" : "i"]);
+  if (R.worst !== null && R.spread) tile(`Backlash ${R.spread} off, µm`, [micrometres(R.worst)], "largest error then", [changed ? "em" : "i"]);
   else sizes("Worst case, µm", null, one => one.worst && 1000 * one.worst.max);
   const more = changed && first.time ? 100 * (last.time / first.time - 1) : null;
   tile("Cycle time, s", RUNS.map(one => num(one.time, 3)), more === null ? "" : Math.abs(more) < 0.005 ? "as before" : `${num(Math.abs(more))} % ${more < 0 ? "less" : "more"}`);

@@ -78,7 +78,7 @@ def program_gap_error(
 
 
 def _without_gap(scenario: Scenario) -> Scenario:
-    return replace(scenario, gap=0.0, flank=None, opposite=())
+    return replace(scenario.without_backlash, flank=None, opposite=())
 
 
 def _band(ways: Sequence[Command], rows: IntArray, machine: Machine, scenario: Scenario, reach: float) -> AlikeRows:
