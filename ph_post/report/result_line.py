@@ -122,28 +122,28 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
             holes=path.shifted.hole_errors,
         )
     found = _counted(found or ResultSummary(), rows, warnings, notes)
-    if isinstance(path, ProgramCompensation) and simulated and not found.left:
-        found = msgspec.structs.replace(found, early=_left_early(path, found))
+    if isinstance(path, ProgramCompensation) and isinstance(path.after, ProgramMotion):
+        return _with_early(found, path.after, path.places)
     return found
 
 
-def _left_early(path: ProgramCompensation, found: ResultSummary) -> tuple[int, ContourError] | None:
-    """Return the line up to which a large error is left, and what backlash adds behind it; None where there is none.
+def _with_early(found: ResultSummary, after: ProgramMotion, reversals: Sequence[ProgramReversal]) -> ResultSummary:
+    """Add the line up to which a large error is left though all reversals are compensated, and what is left behind it.
 
     An axis comes onto a known side of its backlash at the first cut, or where it first turns back: a line at feed that
     only goes there, through the air, keeps its error.
     """
     before, now = found.error_gap
-    if before is None or now is None or not found.axes or now.max <= LEFT_EARLY * before.max:
-        return None
-    after = path.after
-    assert isinstance(after, ProgramMotion)
+    if found.left or before is None or now is None or not found.axes or now.max <= LEFT_EARLY * before.max:
+        return found
     motion = after.last_motion_off(LEFT_EARLY * now.max)
     line = int(after.original.own_lines_of(np.array([motion]))[0]) + 1
-    if motion < 0 or any(one.line < line for one in path.places):
-        return None
+    if motion < 0 or any(one.line < line for one in reversals):
+        return found
     behind = after.error_gap_behind(motion)
-    return None if behind is None or behind.max > LEFT_EARLY * now.max else (line, behind)
+    if behind is None or behind.max > LEFT_EARLY * now.max:
+        return found
+    return msgspec.structs.replace(found, early=(line, behind))
 
 
 def summarize_plans(
@@ -188,7 +188,8 @@ def summarize_program(
     if found.done:
         return msgspec.structs.replace(summary, axes=declared_axes(found.after))
     rows = count_program_reversals(reversals, machine)
-    return _counted(summary, rows, found.warnings, passed_through(found.before, machine.dialect))
+    summary = _counted(summary, rows, found.warnings, passed_through(found.before, machine.dialect))
+    return _with_early(summary, after, reversals)
 
 
 def declared_axes(program: PartProgram) -> tuple[str, ...]:

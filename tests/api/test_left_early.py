@@ -83,3 +83,10 @@ def test_nothing_is_named_where_rapids_go_to_the_first_cut(said):
     assert view["error_gap"]["after"]["max"] < 0.2 * view["error_gap"]["before"]["max"]
     assert view["error_early"] is None
     assert "the largest is left" not in view["result_line"]
+
+
+def test_a_page_says_the_same(tmp_path, said, capsys):
+    line = said(AIR)[0]["result_line"]
+    arguments = ["report", str(tmp_path / "part.gcode"), "-m", "stepper", "-o", str(tmp_path / "page.html"), "--json"]
+    assert main(arguments) == 0
+    assert json.loads(capsys.readouterr().out)["result_line"] == line
