@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import msgspec
@@ -90,13 +90,14 @@ class ShiftedJob(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         )
         return program if len(notes) == len(program.notes) else msgspec.structs.replace(program, notes=notes)
 
-    @property
-    def reversals(self) -> tuple[AxisReversals, ...]:
-        """Numbers of reversals, those among cuts."""
-        return tuple(
-            AxisReversals(axis=one.axis.name, compensated=one.done, all=one.reversals, cut=one.reversals - one.done)
-            for one in (*self.plans, *(hole for hole in self.holes.axes if hole.reversals))
-        )
+    def with_reversals(self, others: Iterable[AxisReversals]) -> tuple[AxisReversals, ...]:
+        """Return the numbers of reversals of other axes, and of X and Y beside holes, with those that are shifted."""
+        rows = {row.axis: row for row in others}
+        for one in (*self.plans, *(hole for hole in self.holes.axes if hole.reversals)):
+            left = one.reversals - one.done
+            row = AxisReversals(axis=one.axis.name, compensated=one.done, all=one.reversals, cut=left)
+            rows[row.axis] = rows[row.axis].with_more(row) if row.axis in rows else row
+        return tuple(rows.values())
 
 
 def shifted_job(

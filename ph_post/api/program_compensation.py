@@ -150,10 +150,7 @@ class ProgramCompensation(Compensation):
         """Numbers of reversals of every axis with backlash."""
         if self.output == "table":
             return self.longest.axis_reversals
-        rows = {row.axis: row for row in count_program_reversals(self.places, self.machine)}
-        for row in self.shifted.reversals:
-            rows[row.axis] = rows[row.axis].with_more(row) if row.axis in rows else row
-        return tuple(rows.values())
+        return self.shifted.with_reversals(count_program_reversals(self.places, self.machine))
 
     @property
     def not_compensated(self) -> str:

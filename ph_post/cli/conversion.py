@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ph_post.api.compensated_program import CompensatedProgram
+    from ph_post.api.further_axes import ShiftedJob
     from ph_post.api.options import CompensateOptions
     from ph_post.api.outcomes import Compensation
     from ph_post.api.path_compensation import PathCompensation
@@ -259,7 +260,7 @@ def convert_program(source: str, raw: SourceBytes, how: Mapping[str, Any], *, as
             check_run(result.original, result.machine)
             progress("locating turning points, windows and backlash intervals")
             turns = program_reversals(result.edited, result.machine, found.tolerance)
-            picture = program_picture(result.edited, result.machine, how["strategy"], turns, progress)
+            picture = program_picture(result.edited, result.machine, how["strategy"], turns, progress, result.shifted)
             products = {**products, how["plot"]: write_figure(draw_picture(picture), how["plot"])}
         write_atomically(products)
         outcome = summarize(result, simulated=not how["no_simulation"])
@@ -292,8 +293,10 @@ def _undo(raw: SourceBytes, how: Mapping[str, Any], target: Target | None, as_js
 
 def compensated_or_original(
     raw: SourceBytes, machine: Machine, how: Mapping[str, Any], progress: Progress
-) -> CompensatedProgram:
+) -> tuple[CompensatedProgram, ShiftedJob | None]:
     """Compensate a part program as `convert` would; of one that is compensated already, recover the original.
+
+    With it comes what was compensated before X, Y and Z, where that is known.
 
     Parameters
     ----------
@@ -315,8 +318,9 @@ def compensated_or_original(
     check_axes(moved_axes(program), "program", machine, f"machine {machine.name}")
     original = original_of(program, f"original of {program.name}")
     if original is not None:
-        return CompensatedProgram(before=in_own_lines(original), after=program, done=True)
-    return converted_program(raw, {**how, "machine": machine}, progress).edited
+        return CompensatedProgram(before=in_own_lines(original), after=program, done=True), None
+    found = converted_program(raw, {**how, "machine": machine}, progress)
+    return found.edited, found.shifted
 
 
 @contextlib.contextmanager

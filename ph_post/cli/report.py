@@ -188,7 +188,7 @@ def _of_program(raw: SourceBytes, machine: str, how: dict[str, Any], progress: P
     from ph_post.units import MM
 
     drives, _ = machine_named(machine, how["dialect"])
-    found = compensated_or_original(raw, drives, how, progress)
+    found, shifted = compensated_or_original(raw, drives, how, progress)
     progress("locating turning points, windows and backlash intervals")
     turns = program_reversals(found, drives, how["tolerance"] * MM)
-    return motion_product(program_picture(found, drives, how["strategy"], turns, progress))
+    return motion_product(program_picture(found, drives, how["strategy"], turns, progress, shifted))

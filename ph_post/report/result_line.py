@@ -10,7 +10,7 @@ import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.compensated_program import CompensatedProgram
-from ph_post.api.further_axes import FurtherError
+from ph_post.api.further_axes import FurtherError, ShiftedJob
 from ph_post.api.led_programs import CHORDS_HOLD
 from ph_post.api.outcomes import Compensation, left_words, passed_through
 from ph_post.api.path_compensation import PathCompensation
@@ -180,15 +180,25 @@ def _simulated(before: MotionResult, after: MotionResult, machine: Machine, axes
 
 
 def summarize_program(
-    found: CompensatedProgram, before: ProgramMotion, after: ProgramMotion, reversals: Sequence[ProgramReversal]
+    found: CompensatedProgram,
+    before: ProgramMotion,
+    after: ProgramMotion,
+    reversals: Sequence[ProgramReversal],
+    shifted: ShiftedJob | None = None,
 ) -> ResultSummary:
-    """Summarize a compensated program, of which the reversals are known; of one compensated before they are not."""
+    """Summarize a compensated program, of which the reversals are known; of one compensated before they are not.
+
+    `shifted` has what was compensated before X, Y and Z.
+    """
     machine = before.machine
     summary = summarize_motions(before, after, machine, moved_axes(found.before))
     if found.done:
         return msgspec.structs.replace(summary, axes=declared_axes(found.after))
-    rows = count_program_reversals(reversals, machine)
-    summary = _counted(summary, rows, found.warnings, passed_through(found.before, machine.dialect))
+    rows, warnings = count_program_reversals(reversals, machine), found.warnings
+    if shifted is not None:
+        rows, warnings = shifted.with_reversals(rows), (*warnings, *shifted.warnings)
+        summary = msgspec.structs.replace(summary, further=shifted.errors, holes=shifted.hole_errors)
+    summary = _counted(summary, rows, warnings, passed_through(found.before, machine.dialect))
     return _with_early(summary, after, reversals)
 
 

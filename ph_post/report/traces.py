@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.compensated_program import CompensatedProgram
+from ph_post.api.further_axes import ShiftedJob
 from ph_post.api.path_compensation import PathCompensation
 from ph_post.api.results import PlannedMotion, ProgramMotion
 from ph_post.api.reversals import ProgramReversal
@@ -231,8 +232,12 @@ def program_picture(
     strategy: str,
     turns: Sequence[ProgramReversal],
     progress: Progress = no_progress,
+    shifted: ShiftedJob | None = None,
 ) -> Picture:
-    """Run a program as it was and as compensated on the models of controller and drives; `turns` are its reversals."""
+    """Run a program as it was and as compensated on the models of controller and drives.
+
+    `turns` are its reversals, and `shifted` has what was compensated before X, Y and Z.
+    """
     original = delivery.before
     before, after = delivery.run_on(machine, progress)
     path = before.cut.path
@@ -262,8 +267,8 @@ def program_picture(
         traces=tuple(traces),
         machine=machine,
         strategy=strategy,
-        warnings=delivery.warnings,
-        summary=summarize_program(delivery, both[0][1], both[-1][1], turns),
+        warnings=(*(() if shifted is None else shifted.warnings), *delivery.warnings),
+        summary=summarize_program(delivery, both[0][1], both[-1][1], turns, shifted),
         rapids=tuple((float(path.starts[k]), float(path.starts[k + 1])) for k in rapid.tolist()),
         unknown=tuple((float(path.starts[k]), float(path.starts[k + 1])) for k in unknown.tolist()),
         notes=(

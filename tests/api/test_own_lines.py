@@ -112,6 +112,20 @@ def test_a_page_names_lines_of_the_file_that_was_given(tmp_path):
     assert "part.ngc:11: parameter" in text
 
 
+def test_a_page_has_the_axes_beside_x_y_and_z_in_its_line(tmp_path, capsys):
+    (tmp_path / "four.toml").write_text(machine_text("linuxcnc"))
+    (tmp_path / "part.ngc").write_text(FOUR)
+    lines = []
+    for command, out in (("convert", "out.ngc"), ("report", "out.html")):
+        arguments = [command, str(tmp_path / "part.ngc"), "-m", str(tmp_path / "four.toml"), "--json"]
+        assert main([*arguments, "-o", str(tmp_path / out)]) == 0
+        lines.append(json.loads(capsys.readouterr().out)["result_line"])
+    # 0.05 deg of backlash leave half of it to either side, and A turns back behind lines 6 and 9.
+    assert "A 0.025 → 0 deg max" in lines[0]
+    assert "X, Y, A compensated" in lines[0]
+    assert lines[1] == lines[0]
+
+
 def test_a_check_names_lines_of_the_original(tmp_path):
     file, made = tmp_path / "part.ngc", tmp_path / "made.ngc"
     file.write_text(FOUR)

@@ -203,7 +203,8 @@ def test_random_programs_are_in_place_at_every_cut(seed):
     request = ProgramRequest(plan=PlanOptions(strategy="auto"), edit=EditOptions(max_slowdown=10.0))
     found = shifted_job(read_program(text.encode(), "a.ngc"), how, request)
     assert found.warnings == ()
-    assert found.reversals[0].compensated == found.reversals[0].all > 5
+    (row,) = found.with_reversals(())
+    assert row.compensated == row.all > 5
     ours = places(found.job.data, {"A": 0.05}, {"both": 0, "+": 1, "-": -1}[side])
     assert comes_past(ours, places(text.encode()), 0.0051) is None  # it may turn back by a tenth of the backlash
 
