@@ -189,8 +189,8 @@ QUESTIONS: Final = (
     Question(
         "axes",
         "XYZ",
-        "Which of its axes shall be compensated?",
-        "One to three of X, Y and Z.",
+        "Which axes do its programs move?",
+        "One to three of X, Y and Z, every one that moves; one without lost motion is left alone.",
         Axes(),
         lambda _state, _axes: "XYZ",
     ),

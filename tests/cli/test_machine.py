@@ -579,3 +579,22 @@ def test_a_new_machine_works_at_once(capsys, tmp_path, loop, dialect):
     assert 0 < json.loads(out)["error"]["max"] < 0.2
     assert run(capsys, "calibrate", "-m", file, "-o", str(tmp_path / "kit"))[0] == 0
     assert (tmp_path / "kit" / "plan.md").is_file()
+
+
+def test_an_axis_that_shall_not_be_compensated_is_named_and_has_no_lost_motion(tmp_path, capsys):
+    part = tmp_path / "part.ngc"
+    part.write_text("G21 G90 G61\nG0 X0 Y0 Z5\nG1 Z-1 F300\nG1 X20 F600\nG1 Y20\nG1 X0\nG1 Y0\nG0 Z5\nM2\n")
+    (question,) = [one for one in QUESTIONS if one.key == "axes"]
+    # Who leaves Z out as it needs no compensation has a file for which no program with Z is compensated.
+    assert "move" in question.ask
+    assert "without lost motion is left alone" in question.hint
+    for axes, lost, status in (("XY", "0.1 0.06", 2), ("XYZ", "0.1 0.06 0", 0)):
+        file = tmp_path / f"{axes}.toml"
+        asked = ["--yes", "--loop", "none", "--dialect", "linuxcnc", "--axes", axes, "--lost-motion", lost]
+        assert run(capsys, "machine", "new", file, *asked)[0] == 0
+        found, _, err = run(capsys, "convert", part, "-m", file, "-o", tmp_path / "out.ngc")
+        assert found == status
+    assert "X, Y compensated" in err
+    lines = (tmp_path / "out.ngc").read_text().splitlines()
+    words = [word for line in lines if not line.startswith("(") for word in line.split()]
+    assert {word for word in words if word[0] == "Z"} == {"Z5", "Z-1"}
