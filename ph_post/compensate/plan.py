@@ -179,7 +179,7 @@ class Planner:
             self._approached = approach_sides(analysis.track, analysis.turning_points)
         self._plain = self.baseline = self._on(feed_planner, settled)
         self._said: list[str] = []
-        self._whole: LedMotion | None = None
+        self._wholes: dict[tuple[float, float], LedMotion] = {}
         if self.lead:
             self._make_room()
         # From rest, nobody expects a corner to be run through; infinite curvature does not show in a drawing.
@@ -277,7 +277,7 @@ class Planner:
         self._tail = min(unwinding, TAIL_SHARE * allowed)
         share = self._tail + LEAD_SHARE * (allowed - self._tail) if kept is None else allowed - kept
 
-        whole = self._whole = self._whole or self._led_whole(share)
+        whole = self._led_whole(share)
         best = whole if whole.longer <= share else None
         low, high, part = (0.0, 0.0), (1.0, whole.longer), 1.0
         for _ in range(TRIES if best is None else 0):
@@ -304,16 +304,22 @@ class Planner:
 
     def _led_whole(self, share: float) -> LedMotion:
         """Lead by all that servos lag; where it takes longer than a time [s], sharper and through a narrower window."""
-        whole = self._led(1.0, 1.0, 1.0)
+        whole = self._led_by_all(1.0, 1.0)
         for jerk in SHARPER:
-            if whole.longer <= share or (sharper := self._led(1.0, jerk, 1.0)).longer >= whole.longer:
+            if whole.longer <= share or (sharper := self._led_by_all(jerk, 1.0)).longer >= whole.longer:
                 break
             whole = sharper
         for width in NARROWER:
-            if whole.longer <= share or (narrower := self._led(1.0, whole.jerk, width)).longer >= whole.longer:
+            if whole.longer <= share or (narrower := self._led_by_all(whole.jerk, width)).longer >= whole.longer:
                 break
             whole = narrower
         return whole
+
+    def _led_by_all(self, jerk: float, width: float) -> LedMotion:
+        """Plan a motion that leaves room for all of the inverse dynamics, once."""
+        if (jerk, width) not in self._wholes:
+            self._wholes[jerk, width] = self._led(1.0, jerk, width)
+        return self._wholes[jerk, width]
 
     def _led(self, part: float, jerk: float, width: float, known: FeedPlanner | None = None) -> LedMotion:
         """Plan a motion that leaves room for a part of the inverse dynamics; another planner knows how slow, about."""
