@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -234,17 +234,17 @@ def _doubtful(choice: ModelChoice, fitted: FittedModel, sides: SidesGap | None) 
     `sides` is the backlash that both sides show: it is none of a spring's, nor of an error's of a reading.
     """
     parts = fitted.model.parts
-    before, after, noise = _squares(choice, fitted)
-    if not parts or after <= LEFT**2 * noise:
-        return None
     problem, gap = choice.problem, None
+    left = [one for one in _squares(choice, fitted) if one.after > LEFT**2 * one.noise]
+    if not parts or not left:
+        return None
     if sides is not None and not {"backlash", VARYING} & {part.hypothesis.name for part in parts}:
         gap = sides.beyond(plant_at(problem, fitted.model).gap, problem.period)
     for number in range(len(parts)):
         factor = sides_factor(problem, fitted, number, gap)
         if factor is not None and abs(factor - 1.0) > MOST_BETWEEN:
             return number, f"between motor and table the log shows {factor:.2g} times as much of it as the model"
-    if after - noise <= (1.0 - EXPLAINED) * (before - noise):
+    if all(one.after - one.noise <= (1.0 - EXPLAINED) * (one.before - one.noise) for one in left):
         return None
     found = [disagreement(problem, fitted, number) for number in range(len(parts))]
     worst = max(range(len(parts)), key=lambda number: abs(found[number].factor - 1.0))
@@ -253,14 +253,26 @@ def _doubtful(choice: ModelChoice, fitted: FittedModel, sides: SidesGap | None) 
     return worst, f"{found[worst].regime} the log shows {found[worst].factor:.2g} times as much of it as all in all"
 
 
-def _squares(choice: ModelChoice, fitted: FittedModel) -> Array:
-    """Sum the mean squares of the positions: what the file leaves, what the model leaves, and the noise."""
-    squares = np.zeros(3)
-    for one in choice.problem.positions:
-        use = choice.problem.counted & one.ok
-        before, after = (mean_square(left[one.channel], use) for left in (choice.stages[0].left, fitted.left))
-        squares += before, after, one.noise**2
-    return squares
+class Squares(NamedTuple):
+    """Mean squares of a reading, or sums of some: what the file leaves, what the model leaves, and the noise."""
+
+    before: float
+    after: float
+    noise: float
+
+
+def _squares(choice: ModelChoice, fitted: FittedModel) -> list[Squares]:
+    """Return the squares of the positions together, and those of a force where there is one."""
+    problem = choice.problem
+    found = []
+    for some in (problem.positions, [one for one in problem.observed if one.channel == "force"]):
+        squares = np.zeros(3)
+        for one in some:
+            use = problem.counted & one.ok
+            before, after = (mean_square(left[one.channel], use) for left in (choice.stages[0].left, fitted.left))
+            squares += before, after, one.noise**2
+        found.append(Squares(*map(float, squares)))
+    return found
 
 
 def _sized(problem: AxisProblem, fitted: FittedModel) -> list[FittedEffect]:

@@ -190,6 +190,14 @@ def test_a_force_that_grows_faster_than_any_cutting_force_is_unknown() -> None:
 
 
 @pytest.mark.slow
+def test_a_nut_that_stiffens_along_the_travel_is_no_load() -> None:
+    """A load left 49 of 67 times the noise of the force, and nothing more than before of the position."""
+    result = diagnosed("outside", ["stiffening"], "act+force", "cascade-load", 16017)
+    assert result["verdict"] == "unknown"
+    assert not result["findings"]
+
+
+@pytest.mark.slow
 def test_a_gain_that_is_off_is_no_friction_that_differs_by_direction() -> None:
     """Friction of two numbers by direction, alike both ways, was cheaper than the five numbers of a servo."""
     is_named_and_sized("servo_mismatch", "act", "cascade", 13200)
