@@ -69,3 +69,10 @@ def test_axes_of_a_tilted_plane_may_be_none_of_the_machine():
     for plane in upright + tilted:
         text = "\n".join(["BEGIN PGM A MM", plane, *lines])
         assert (played_places("heidenhain", text.encode()) is not None) == (plane in upright), plane
+
+
+def test_what_the_tests_cannot_read_is_not_played():
+    text = b"G21 G90 F600\nG0 X0 Y0\nG1 Z<?=z?> F50\nG1 X9\nM2\n"
+    found = compare(Judged("compensated"), "grbl", text, text)
+    assert found.outcome == "compensated"
+    assert found.rms is None
