@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from ph_post.drive.plant import Plant
+from ph_post.drive import hybrid
+from ph_post.drive.hybrid import build_automaton
+from ph_post.drive.plant import GapProfile, Plant, TableReading
 from ph_post.simulate.machine import AxisCommand, run_plant
-from ph_post.types import Array, Feedback
+from ph_post.types import Array, Cascade, Feedback
 
 PERIOD = 1e-3
 T = PERIOD * np.arange(1001)
@@ -57,3 +59,23 @@ def test_the_motors_side_of_a_gap_is_its_own() -> None:
     wide, _ = run(replace(PLANT, feedback="motor", gap=1e-3))
     none, _ = run(replace(PLANT, feedback="motor"))
     assert wide == pytest.approx(none, abs=1e-15)
+
+
+@pytest.mark.parametrize("feedback", ["load", "motor"])
+def test_plants_that_differ_in_no_equation_share_theirs_and_others_do_not(feedback: Feedback) -> None:
+    cascade = Cascade(position_gain=50.0, velocity_gain=200.0, integral_rate=20.0, velocity_feedforward=0.9)
+    plant = replace(PLANT, feedback=feedback, gap=3e-5, coulomb_plus=2e-6, static=1e-6, cascade=cascade)
+    late = replace(cascade, dead_time=1e-3, moving_average=4e-3, exponential=1e-3, shaper_frequency=90.0)
+    cogs, slow = ((1e-6, 5e-3, 0.3),), TableReading(scale=1e-3)
+    alike = replace(plant, cascade=late, cogging=cogs, stribeck_speed=2e-3, reading=slow, command_delay=1e-3)
+    assert build_automaton(alike) is build_automaton(plant)
+    worn = replace(plant, widening=GapProfile(slope=1e-3))
+    assert build_automaton(replace(worn, widening=GapProfile(bump=2e-5))) is build_automaton(worn)
+    changed = [replace(plant, cascade=replace(cascade, **{name: 0.7})) for name in ("integral_rate", "current_time")]
+    further = {"gap": 2e-5, "coulomb_minus": 3e-6, "static": 2e-6, "load": 1e-6, "saturation": 1e-3, "eta": 0.3}
+    changed += [worn, *(replace(plant, **{name: value}) for name, value in further.items())]
+    assert len({id(build_automaton(one)) for one in (plant, *changed)}) == 1 + len(changed)
+    # What is left out is in none of the equations: they are the same where all of it is kept.
+    whole, shared = hybrid._built.__wrapped__(alike), build_automaton(plant)
+    for name in ("rates", "guards", "noise", "targets", "resets"):
+        assert np.array_equal(getattr(whole, name), getattr(shared, name))
