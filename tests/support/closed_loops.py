@@ -13,8 +13,10 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -239,17 +241,34 @@ class Executed(NamedTuple):
     warnings: tuple[str, ...]
 
 
-def of_table(folder: Path, shape: str, file: Path, plants: tuple[Plant, Plant], effort: float = EFFORT) -> Executed:
-    """What the plants make of the interpolator table by a machine file."""
-    path, table = folder / f"{shape}.json", folder / f"{shape}.csv"
-    path.write_text(path_text(shape))
-    found = ph.compensate(ph.read_path(path), ph.read_machine(file), output="table", effort=effort)
-    found.write_table(table)
-    rows = list(csv.DictReader(one for one in table.read_text().splitlines() if not one.startswith("#")))
+class Table(NamedTuple):
+    """An interpolator table by a machine file: positions (n, 2) [m] at times [s], how long it takes, what was said."""
+
+    position: Floats
+    t: Floats
+    time: float
+    warnings: tuple[str, ...]
+
+
+@lru_cache(maxsize=16)
+def _planned(shape: str, machine: str, effort: float) -> Table:
+    """Plan a table by the text of a machine file; one by which several plants are run is planned once."""
+    with TemporaryDirectory() as folder:
+        path, file, table = (Path(folder, name) for name in (f"{shape}.json", "machine.toml", f"{shape}.csv"))
+        path.write_text(path_text(shape))
+        file.write_text(machine)
+        found = ph.compensate(ph.read_path(path), ph.read_machine(file), output="table", effort=effort)
+        found.write_table(table)
+        rows = list(csv.DictReader(one for one in table.read_text().splitlines() if not one.startswith("#")))
     position = np.array([[float(row[name]) / MM for name in "XY"] for row in rows])
-    t = np.array([float(row["t"]) for row in rows])
-    counted = (t > BESIDE) & (t < t[-1] - BESIDE)
-    return _executed(shape, plants, position, counted, found)
+    return Table(position, np.array([float(row["t"]) for row in rows]), found.after.time, found.warnings)
+
+
+def of_table(_folder: Path, shape: str, file: Path, plants: tuple[Plant, Plant], effort: float = EFFORT) -> Executed:
+    """What the plants make of the interpolator table by a machine file; called as :func:`of_program` is."""
+    made = _planned(shape, file.read_text(), effort)
+    counted = (made.t > BESIDE) & (made.t < made.t[-1] - BESIDE)
+    return _executed(shape, plants, made.position, counted, made.time, made.warnings)
 
 
 def of_program(
@@ -263,21 +282,32 @@ def of_program(
     cutting = np.flatnonzero(np.abs(command[:, 2] - DEPTH / MM) < 1e-9)
     counted = np.arange(len(command))
     counted = (counted >= cutting[0]) & (counted <= cutting[-1])
-    return _executed(shape, plants, command[:, :2], counted, found)
+    return _executed(shape, plants, command[:, :2], counted, found.after.time, found.warnings)
 
 
-def _executed(shape: str, plants: tuple[Plant, Plant], position: Floats, counted: Any, found: Any) -> Executed:
+def _executed(
+    shape: str, plants: tuple[Plant, Plant], position: Floats, counted: Any, time: float, warnings: tuple[str, ...]
+) -> Executed:
     off = distances(followed(plants, position)[counted], outline(shape))
-    return Executed(float(np.max(off)), float(np.sqrt(np.mean(off**2))), found.after.time, found.warnings)
+    return Executed(float(np.max(off)), float(np.sqrt(np.mean(off**2))), time, warnings)
+
+
+_DIAGNOSED: dict[str, str] = {}
 
 
 def diagnosed(machine: Machine, folder: Path) -> tuple[Path, Path]:
-    """Write a log, and the files before and after its diagnosis; what is there already is left."""
-    wrong, better, log = folder / "wrong.toml", folder / "better.toml", folder / "run.csv"
+    """Write the files before and after a diagnosis; what is there already is left.
+
+    A machine's log is written and diagnosed once in a process.
+    """
+    wrong, better, log, key = folder / "wrong.toml", folder / "better.toml", folder / "run.csv", repr(machine)
     if not better.exists():
         wrong.write_text(machine_text(machine.filed))
-        record(machine, log)
-        assert main(["diagnose", str(log), "-m", str(wrong), "-o", str(better)]) == 0
+        if key not in _DIAGNOSED:
+            record(machine, log)
+            assert main(["diagnose", str(log), "-m", str(wrong), "-o", str(better)]) == 0
+            _DIAGNOSED[key] = better.read_text()
+        better.write_text(_DIAGNOSED[key])
     return wrong, better
 
 
