@@ -57,8 +57,10 @@ def program_summary(result: ProgramCompensation) -> str:
         offsets = " and ".join(f"{plan.axis.name} by {offset_words(plan)}" for plan in holes.axes)
         cycles = counted(sum(len(one.lines) for one in holes.changes), "empty cycle")
         further.append(f"holes: {offsets}, {cycles} added")
+    # A program that is written out is another one, whatever comes after that.
+    first = ["written out", *further] if result.expanded else further
     said = changes_summary(result.edited)
-    return f"{name}: {'; '.join([*further, *([] if further and said == UNCHANGED else [said])])}"
+    return f"{name}: {'; '.join([*first, *([] if first and said == UNCHANGED else [said])])}"
 
 
 def changes_summary(delivery: CompensatedProgram) -> str:

@@ -4,6 +4,7 @@ import pytest
 
 import ph_post as ph
 from ph_post.api.outcomes import passed_through
+from ph_post.cli.main import main
 from ph_post.dialects.reading import read_as
 from ph_post.errors import InputError
 
@@ -214,3 +215,13 @@ def test_what_was_changed_by_hand_after_it_was_written_out_comes_back_as_it_was_
 def _written(result, out):
     result.write(out)
     return out
+
+
+@pytest.mark.parametrize(("expand", "said"), [((), "nothing to change"), (("--expand",), "written out")])
+def test_a_program_that_was_only_written_out_is_not_said_to_be_unchanged(tmp_path, capsys, expand, said):
+    part, out = tmp_path / "part.ngc", tmp_path / "out.ngc"
+    part.write_text("G21 G90 G61\nG0 X0 Y0 Z5\n#1=5\nG0 X#1\nM2\n")
+    assert main(["convert", str(part), "-m", "stepper", "--dialect", "linuxcnc", *expand, "-o", str(out)]) == 0
+    assert (out.read_text() == part.read_text()) == (not expand)
+    first = next(line for line in capsys.readouterr().err.splitlines() if line.startswith(str(part)))
+    assert first == f"{part}: {said}"
