@@ -69,6 +69,12 @@ BOTH: Final = 2
 HALTED: Final = 2
 """Times that corners which the controller rounds more than before are halted in, before what is about them is left."""
 
+SPARED: Final = 4
+"""Plans that leave what is worse beside what the one before had no time for, before sections are left in parts."""
+
+FEW: Final = 2
+"""Of so many sections one may be left for that: where more would be, it is another plan that is missing."""
+
 FAR_OFF: Final = 2.0
 """A plan that takes so many times what was reckoned for it shows that its crossings were not reckoned well."""
 
@@ -369,7 +375,8 @@ class _PlanSearch:
         self._planned: set[float] = set()
         self._parts, self._halted = Counter[int](), 0
         self._largest, self._pace, self._divided = 0.0, 1.0, False
-        self._longer = 0.0
+        self._longer, self._spared = 0.0, 0
+        self._left: tuple[frozenset[int], Places] | None = None
 
     def run(self, options: EditOptions) -> CompensatedProgram:
         """Return the best plan; the program itself where none is good."""
@@ -517,8 +524,14 @@ class _PlanSearch:
         if self._kept is not None:
             return self._in_parts(options) if options.largest_first else self._other(*self._kept)
         if judged.worse and edits.short and not self._divided:
-            # One axis alone may leave the part worse than none.
-            return self._in_parts(options)
+            self._left = self._left or (options.left, options.stretches)
+            self._spared += 1
+            if self._spared > SPARED or not edits.spared or FEW * len(tighter.left) > self._count:
+                # One axis alone may leave the part worse than none.
+                left, stretches = self._left
+                return self._in_parts(replace(options, left=left, stretches=stretches))
+            # All other sections stay as they are: with others left alone others would be worse.
+            tighter = replace(tighter, spared=edits.spared)
         if tighter.left or tighter.stretches:
             where = stretch_words(self._original, self._left_alone(tighter))
             why = "worse where a table runs on in its backlash"
@@ -533,6 +546,7 @@ class _PlanSearch:
         if options.largest_first or self._further > FURTHER:
             return self._in_parts(options)
         again = otherwise(options, judged, self._request.edit.max_slowdown, self._over)
+        again = replace(again, spared=frozenset())
         return None if again.largest_first and options.in_parts else again
 
     def _in_parts(self, options: EditOptions) -> EditOptions | None:
@@ -544,7 +558,7 @@ class _PlanSearch:
         if less <= self._largest <= less + SPARE:
             # With what does not count as slower it would be the same plan again, which took too long.
             less -= SPARE
-        return replace(options, in_parts=True, largest_first=False, max_slowdown=less)
+        return replace(options, in_parts=True, largest_first=False, max_slowdown=less, spared=frozenset())
 
     def _without_failed(self, made: CompensatedProgram, refused: Places, options: EditOptions) -> EditOptions | None:
         """Stop for crossings on the fly that do not pass the check, and leave what does not pass it then as it is.

@@ -41,7 +41,8 @@ class AffordedChanges(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Changes within the time allowed: by axis the rows of :func:`~ph_post.edit.reversals.find_reversals`.
 
     `coarser` is the largest error of crossings as a multiple of the least, `slowdown` what they cost, relative;
-    `short` where that is too much for all of them, or for fine ones.
+    `short` where that is too much for all of them, or for fine ones, and `spared` the parts that are left for that, as
+    in :class:`~ph_post.edit.edits.EditOptions`.
     """
 
     changes: dict[str, Array]
@@ -49,6 +50,7 @@ class AffordedChanges(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     slowdown: float
     warnings: list[str]
     short: bool = False
+    spared: frozenset[tuple[str, int, int]] = frozenset()
 
 
 def affordable_reversals(search: ReversalSearch, options: EditOptions) -> AffordedChanges:
@@ -67,6 +69,10 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
         found = _search_raised(search, options, 0.0)
     every = search.cost(found)
     need = round_up(options.pace * every / total)
+    if options.spared:
+        _leave_spared(search, options, need)
+        found = _search_raised(search, options, 0.0)
+        every = search.cost(found)
     for coarser in (1.0, *COARSER):
         cost = every if coarser == 1.0 else search.cost(found, coarser)
         if cost <= allowed:
@@ -75,7 +81,8 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
                 coarser=coarser,
                 slowdown=cost / total,
                 warnings=search.warnings,
-                short=coarser >= FINE,
+                short=coarser >= FINE or bool(options.spared),
+                spared=options.spared,
             )
     _leave_costly(search, options, allowed, need)
     low, high = 0.0, 1.0
@@ -94,7 +101,22 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
         slowdown=search.cost(found, COARSER[-1]) / total,
         warnings=[*search.warnings, *(said if any(len(rows) for rows in found.values()) else [])],
         short=True,
+        spared=options.spared | {(name, int(search.low[n]), int(search.high[n])) for name, n, _ in search.for_now},
     )
+
+
+def _leave_spared(search: ReversalSearch, options: EditOptions, need: float) -> None:
+    """Leave the parts again for which an earlier plan had no time: what it does elsewhere stays as it was."""
+    spared = sorted(options.spared)
+    for _, begin, end in spared:
+        search.divided(begin, end)
+    places = [(name, n) for name, begin, end in spared for n in search.divided(begin, end) if search.open[name][n]]
+    costs = _section_costs(search, _search_raised(search, options, 1.0))
+    price = dict.fromkeys(costs, 0.0)
+    for name, n in places:
+        price[name] += options.pace * float(costs[name][n])
+    for name, n in places:
+        search.give_up(name, n, _too_costly(price[name], need))
 
 
 def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, need: float) -> None:

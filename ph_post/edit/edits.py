@@ -192,7 +192,8 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `kept` [m/s]: speed that is kept in what crossings leave of a motion, where that is less than its feed.
     `rounding` [m]: to which joints of crossings are rounded on motions at whose ends the controller stops, 0 for not.
     `slowdown` is what stops and crossings are reckoned to cost, relative; `short` says that more, or finer crossings,
-    would have cost more than is allowed; `warnings` name what is not compensated.
+    would have cost more than is allowed, and `spared` where axes were left alone for that, as in :class:`EditOptions`;
+    `warnings` name what is not compensated.
     """
 
     runs: OffsetRuns
@@ -208,6 +209,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     rounding: float = 0.0
     slowdown: float = 0.0
     short: bool = False
+    spared: frozenset[tuple[str, int, int]] = frozenset()
     warnings: tuple[str, ...] = ()
 
     @property
@@ -247,6 +249,7 @@ def merge_edits(a: Edits, b: Edits) -> Edits:
         rounding=max(a.rounding, b.rounding),
         slowdown=a.slowdown + b.slowdown,
         short=a.short or b.short,
+        spared=a.spared | b.spared,
         warnings=tuple(dict.fromkeys((*a.warnings, *b.warnings))),
     )
 
@@ -316,6 +319,8 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         Sections in which no axis gets an offset, see :func:`~ph_post.edit.reversals.section_spans`.
     stretches : tuple of (int, int)
         First motion, and the one behind the last, of parts of sections in which no axis gets an offset either.
+    spared : frozenset of (str, int, int)
+        Axes that an earlier plan had no time for, with the first motion of each such part and the one behind its last.
     cycle : float
         Time of the program as its controller runs it [s], 0 where that is not known.
     pace : float
@@ -348,6 +353,7 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     block_time: float = BLOCK_TIME
     left: frozenset[int] = frozenset()
     stretches: tuple[tuple[int, int], ...] = ()
+    spared: frozenset[tuple[str, int, int]] = frozenset()
     cycle: float = 0.0
     pace: float = 1.0
     longer: float = 0.0

@@ -204,6 +204,7 @@ class _OffsetPlanner:
             dips=tuple(one for one in slow.feeds.dips if offset[one.motion[-1]].any()),
             slowdown=choice.afforded.slowdown + slow.time / self._total,
             short=choice.afforded.short,
+            spared=choice.afforded.spared,
         )
 
     def _with_halts(self, stops: Iterable[StopEdit]) -> tuple[StopEdit, ...]:
