@@ -519,18 +519,18 @@ class _PlanSearch:
         """Return the options of another plan behind one that was not good; None where enough were tried."""
         if self._kept is not None or tighter.max_slowdown < options.max_slowdown:
             self._over = min(self._over, options.max_slowdown)
-        if options.in_parts and not judged.worse and not (self._kept is not None and self._kept[0].in_parts):
+        divides = options.in_parts and not (self._kept is not None and self._kept[0].in_parts)
+        if divides and not judged.worse:
             return tighter
-        if self._kept is not None:
+        if self._kept is not None and not (divides and self._spared):
             return self._in_parts(options) if options.largest_first else self._other(*self._kept)
         if judged.worse and edits.short and not self._divided:
             self._left = self._left or (options.left, options.stretches)
-            self._spared += 1
-            if self._spared > SPARED or not edits.spared or FEW * len(tighter.left) > self._count:
+            if self._spared == SPARED or not edits.spared or FEW * len(tighter.left) > self._count:
                 # One axis alone may leave the part worse than none.
-                left, stretches = self._left
-                return self._in_parts(replace(options, left=left, stretches=stretches))
+                return self._in_parts(options)
             # All other sections stay as they are: with others left alone others would be worse.
+            self._spared += 1
             tighter = replace(tighter, spared=edits.spared)
         if tighter.left or tighter.stretches:
             where = stretch_words(self._original, self._left_alone(tighter))
@@ -543,10 +543,9 @@ class _PlanSearch:
     def _other(self, options: EditOptions, judged: GuardFinding) -> EditOptions | None:
         """Return the options of another plan beside a good one; None where enough were tried."""
         self._further += 1
-        if options.largest_first or self._further > FURTHER:
+        if self._spared or options.largest_first or self._further > FURTHER:
             return self._in_parts(options)
         again = otherwise(options, judged, self._request.edit.max_slowdown, self._over)
-        again = replace(again, spared=frozenset())
         return None if again.largest_first and options.in_parts else again
 
     def _in_parts(self, options: EditOptions) -> EditOptions | None:
@@ -558,7 +557,16 @@ class _PlanSearch:
         if less <= self._largest <= less + SPARE:
             # With what does not count as slower it would be the same plan again, which took too long.
             less -= SPARE
-        return replace(options, in_parts=True, largest_first=False, max_slowdown=less, spared=frozenset())
+        left, stretches = self._left or (options.left, options.stretches)
+        return replace(
+            options,
+            in_parts=True,
+            largest_first=False,
+            max_slowdown=less,
+            spared=frozenset(),
+            left=left,
+            stretches=stretches,
+        )
 
     def _without_failed(self, made: CompensatedProgram, refused: Places, options: EditOptions) -> EditOptions | None:
         """Stop for crossings on the fly that do not pass the check, and leave what does not pass it then as it is.

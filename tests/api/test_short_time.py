@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 import re
 from itertools import combinations
 from pathlib import Path
@@ -105,6 +106,41 @@ def test_a_part_of_all_axes_is_left_where_all_of_it_takes_but_little_too_long() 
     assert found.time is not None
     assert found.time[1] <= 1.1006 * found.time[0]
     assert found.followed > 0.9 * found.shown > 30
+
+
+def infill(seed: int, cuts: int) -> str:
+    """A print of short lines to and fro at 45 degrees, and a wall behind each such cut."""
+    rng, pushed = random.Random(seed), 0.0
+    lines = ["G21", "G90", "M82", "G92 E0"]
+
+    def lay(x: float, y: float, length: float, feed: str = "") -> None:
+        nonlocal pushed
+        pushed += 0.033 * length
+        lines.append(f"G1 X{x:.3f} Y{y:.3f} E{pushed:.5f}{feed}")
+
+    for _ in range(cuts):
+        x, y = rng.uniform(10.0, 80.0), rng.uniform(10.0, 80.0)
+        lines.append(f"G0 X{x:.3f} Y{y:.3f} F6000")
+        turns, long = rng.choice((0, 2, 4, 8, 16, 24)), rng.uniform(0.3, 2.0)
+        side = 1 if rng.random() < 0.5 else -1
+        for n in range(turns):
+            way = long if n % 2 == 0 else -long
+            lay(x + way, y + side * way, 1.414 * long, " F1200")
+            x, y = x + way - 0.28 * side, y + side * way + 0.28
+            lay(x, y, 0.4)
+        wall = rng.uniform(2.0, 25.0)
+        lay(x + wall, y + 0.1 * wall, wall)
+    return "\n".join([*lines, f"G1 E{pushed - 2.0:.5f} F2400", "G0 X0 Y0 F6000", ""])
+
+
+def test_what_is_worse_for_what_was_left_is_left_too_and_the_rest_kept() -> None:
+    """Of two axes at 45 degrees one alone is worse than none: planned anew, other cuts were, until nothing was done."""
+    found = judge(Entry("print", Path("print.gcode"), "marlin", infill(22, 80)))
+    assert found.time is not None
+    assert found.time[1] <= 1.1006 * found.time[0]
+    assert found.rms is not None
+    assert found.rms[1] < 0.3 * found.rms[0]
+    assert found.followed > 0.7 * found.shown > 500
 
 
 def test_crossings_that_take_many_times_what_was_reckoned_are_made_where_there_is_time_for_them() -> None:
