@@ -157,7 +157,8 @@ def _effort(name: str, axis: AxisLog, reading: Array, period: float, header: str
     losses = np.stack([np.sign(speed[moves]), speed[moves], np.ones(np.count_nonzero(moves))], axis=1)
     both = [_likeness(effort[moves], one[moves]) for one in (np.sign(speed), speed)]
     both.append(_likeness(_beside(effort[moves], losses), _beside(gain[moves], losses)))
-    if min(both) < -AGAINST and max(both) < AGAINST / 3.0:
+    # One of three alone may be against by chance, as beside an effort that only grows.
+    if min(both) < -AGAINST and max(both) < AGAINST / 3.0 and np.mean(both) < -0.5 * AGAINST:
         column = f"{name}_force" if axis.effort_unit == "N" else f"{name}_current"
         raise InputError(
             header,
