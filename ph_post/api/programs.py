@@ -376,7 +376,7 @@ class _PlanSearch:
         self._parts, self._halted = Counter[int](), 0
         self._largest, self._pace, self._divided = 0.0, 1.0, False
         self._longer, self._spared = 0.0, 0
-        self._left: tuple[frozenset[int], Places] | None = None
+        self._first: tuple[EditOptions, tuple[str, ...]] | None = None
 
     def run(self, options: EditOptions) -> CompensatedProgram:
         """Return the best plan; the program itself where none is good."""
@@ -525,7 +525,7 @@ class _PlanSearch:
         if self._kept is not None and not (divides and self._spared):
             return self._in_parts(options) if options.largest_first else self._other(*self._kept)
         if judged.worse and edits.short and not self._divided:
-            self._left = self._left or (options.left, options.stretches)
+            self._first = self._first or (options, self._said)
             if self._spared == SPARED or not edits.spared or FEW * len(tighter.left) > self._count:
                 # One axis alone may leave the part worse than none.
                 return self._in_parts(options)
@@ -557,15 +557,16 @@ class _PlanSearch:
         if less <= self._largest <= less + SPARE:
             # With what does not count as slower it would be the same plan again, which took too long.
             less -= SPARE
-        left, stretches = self._left or (options.left, options.stretches)
+        # What was left since beside axes that had no time is left no more.
+        first, self._said = self._first or (options, self._said)
         return replace(
             options,
             in_parts=True,
             largest_first=False,
             max_slowdown=less,
             spared=frozenset(),
-            left=left,
-            stretches=stretches,
+            left=first.left,
+            stretches=first.stretches,
         )
 
     def _without_failed(self, made: CompensatedProgram, refused: Places, options: EditOptions) -> EditOptions | None:
