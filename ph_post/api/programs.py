@@ -721,8 +721,8 @@ def _with_miscounts(made: CompensatedProgram, verdict: Verdict) -> Verdict:
 def _failed_places(program: PartProgram, after: PartProgram, verdict: Verdict) -> Places:
     """Return the motions between which a checker found failures, the first and the last where it lists but some.
 
-    None are returned where a failure is not within the lines of a chain: leaving any alone would not mend that. What
-    is counted over the whole program has no line: the lines are those of the other failures.
+    Where one is between two chains motions of both are returned. What is counted over the whole program has no line:
+    the lines are those of the other failures.
     """
     motions = program.motions
     origins = line_origins(after, program)
@@ -742,8 +742,9 @@ def _failed_places(program: PartProgram, after: PartProgram, verdict: Verdict) -
         behind = int(np.searchsorted(motions.block, end))
         if last >= 0 and behind < motions.block.size and motions.chain[last] == motions.chain[behind]:
             found.append((last, behind))
-        elif one.original is not None:
-            return ()
+        elif one.original is not None and motions.block.size:
+            # Between two chains: what one leaves in force, the other begins with.
+            found += [(n, n) for n in (last, behind) if 0 <= n < motions.block.size]
         elif last >= 0:
             found.append((last, last))
     return ((0, motions.kind.size - 1),) if verdict.found > len(verdict.failures) else tuple(dict.fromkeys(found))
