@@ -150,7 +150,9 @@ def _stretch(way: Array, passed: Array, points: Array) -> float:
     The path's is what the motor or its table passes of it, the longer of both.
     """
     ways = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    return 1.0 + CAUTIOUS * max(float((ways / np.maximum(np.diff(way), np.diff(passed))).min()) - 1.0, 0.0)
+    along = np.maximum(np.diff(way), np.diff(passed))
+    # A part of no length is none by which the motor's way is longer.
+    return 1.0 + CAUTIOUS * max(float((ways / np.where(ways > 0.0, along, 1.0)).min()) - 1.0, 0.0)
 
 
 def _with_motions_of_no_length(parts: Sequence[CrossingPart]) -> list[CrossingPart]:
