@@ -23,7 +23,7 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.dialects.base import Dialect
 from ph_post.edit.lead_edits import Approach, LeadStretch, why_not_led
-from ph_post.edit.preconditions import why_blocked, why_mixed, why_not_editable
+from ph_post.edit.preconditions import why_blocked, why_not_editable
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.errors import InputError, PhPostError
@@ -147,7 +147,7 @@ def plan_lead(
     -------
     LeadPlan
     """
-    troubles = [*why_not_editable(program), *why_mixed(program)]
+    troubles = why_not_editable(program)
     if troubles:
         return LeadPlan(stretches=(), free=(), plans=(), warnings=tuple(f"not led: {trouble}" for trouble in troubles))
     paths = [path[0]] if path is not None else list(paths_of(program))

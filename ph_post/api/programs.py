@@ -742,7 +742,7 @@ def _failed_places(program: PartProgram, after: PartProgram, verdict: Verdict) -
         behind = int(np.searchsorted(motions.block, end))
         if last >= 0 and behind < motions.block.size and motions.chain[last] == motions.chain[behind]:
             found.append((last, behind))
-        elif one.original is not None and motions.block.size:
+        elif one.original is not None:
             # Between two chains: what one leaves in force, the other begins with.
             found += [(n, n) for n in (last, behind) if 0 <= n < motions.block.size]
         elif last >= 0:

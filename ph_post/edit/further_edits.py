@@ -28,7 +28,7 @@ from ph_post.drive.axes import side_offsets
 from ph_post.edit.affordable import SPARE
 from ph_post.edit.block_words import next_relying
 from ph_post.edit.edits import EditOptions
-from ph_post.edit.preconditions import FINE, why_mixed, why_not_editable, word_decimals
+from ph_post.edit.preconditions import FINE, why_not_editable, word_decimals
 from ph_post.edit.reversal_search import motion_times
 from ph_post.gcode import codes
 from ph_post.gcode.further import FurtherMoves, further_moves, unit_of
@@ -151,7 +151,7 @@ def plan_further(
     ]
     if not asked:
         return plans, said
-    troubles, time = [*why_not_editable(program), *why_mixed(program)], float(motion_times(program, machine).sum())
+    troubles, time = why_not_editable(program), float(motion_times(program, machine).sum())
     for name, axis in asked.items():
         planner = _AxisPlanner(program, dialect, axis, options, moved[name], machine)
         if axis.loop.encloses_backlash:

@@ -23,7 +23,6 @@ from ph_post.edit.edits import EditOptions
 from ph_post.edit.further_edits import FurtherAxisPlan, Stand
 from ph_post.edit.preconditions import (
     double_compensation,
-    why_mixed,
     why_not_editable,
     word_decimals,
     written_offsets,
@@ -78,7 +77,7 @@ def plan_holes(program: PartProgram, machine: Machine, dialect: Dialect, options
     runs = hole_runs(program) if axes and dialect.abilities.drills else []
     if not runs:
         return HolePlan()
-    troubles = [*why_not_editable(program), *why_mixed(program)]
+    troubles = why_not_editable(program)
     units = {program.modal_after(hole.block).units for run in runs for hole in run.holes}
     if len(units) > 1 or troubles:
         why = [*troubles, "they are in mm and in inches"][0]

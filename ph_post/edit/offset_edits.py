@@ -72,7 +72,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     axes = [machine.axes[name] for name in AXES if name in machine.axes and may_shift(machine.axes[name])]
     if not axes or program.motions.kind.size == 0:
         return nothing
-    troubles = why_not_editable(program)
+    troubles = why_not_editable(program, mixed=True)
     if troubles:
         return replace(nothing, warnings=(*said, *(f"program not compensated: {trouble}" for trouble in troubles)))
     _check_overshoot(axes, options)

@@ -315,8 +315,11 @@ def require_tool(program: PartProgram, machine: Machine) -> None:
         )
 
 
-def why_not_editable(program: PartProgram) -> list[str]:
-    """Return the reasons why nothing in a program can be offset; empty where it can."""
+def why_not_editable(program: PartProgram, *, mixed: bool = False) -> list[str]:
+    """Return the reasons why nothing in a program can be offset; empty where it can.
+
+    What needs one unit in all of a program cannot be `mixed`.
+    """
     troubles = []
     if _checksummed(program):
         troubles.append("its lines carry checksums, so no line can be added")
@@ -333,12 +336,9 @@ def why_not_editable(program: PartProgram) -> list[str]:
             troubles.append(f"line {block + 1} turns the work system (G10 with R) away from the axes")
     if program.language.stays is not None and (why := program.language.stays(program.data)):
         troubles.append(why)
+    if not mixed and len(program_units(program)) > 1:
+        troubles.append("it moves in mm and in inches")
     return troubles
-
-
-def why_mixed(program: PartProgram) -> list[str]:
-    """Return the reason why what needs one unit in all of a program cannot be done; empty where it has one."""
-    return ["it moves in mm and in inches"] if len(program_units(program)) > 1 else []
 
 
 def in_other_units(program: PartProgram) -> BoolArray:

@@ -19,7 +19,7 @@ from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.drive.axes import has_backlash, with_gap
 from ph_post.edit.edits import DipEdit, EditOptions, Edits, StopEdit, no_offsets
-from ph_post.edit.preconditions import why_blocked, why_kept_whole, why_mixed, why_not_editable
+from ph_post.edit.preconditions import why_blocked, why_kept_whole, why_not_editable
 from ph_post.edit.reversals import section_spans
 from ph_post.edit.window_edits import UnchangedWindow, place_plan
 from ph_post.errors import TooLargeError
@@ -157,7 +157,7 @@ def plan_windows(
     progress : Progress, optional
         Called with what is being done.
     """
-    troubles = [*why_not_editable(program), *why_mixed(program)]
+    troubles = why_not_editable(program)
     if troubles:
         return PlannedWindows(warnings=tuple(f"windows not compensated: {trouble}" for trouble in troubles))
     reasons, said = why_blocked(program), []

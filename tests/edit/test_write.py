@@ -15,7 +15,7 @@ from support.reference_player import interpret
 from ph_post.dialects.reading import read_as
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import CrossingEdit, CrossingPart, DipEdit, Edits, OffsetShift, StopEdit, runs_of
-from ph_post.edit.preconditions import why_mixed
+from ph_post.edit.preconditions import why_not_editable
 from ph_post.edit.undo import undo
 from ph_post.errors import InputError
 from ph_post.gcode.program import RAPID
@@ -396,7 +396,7 @@ def test_blanks_that_end_a_comment_stay(dialect: str, round_: str, remark: str) 
 
 def test_axes_beside_x_y_and_z_move_in_units_too() -> None:
     program = read_program(b"G21 G90 F60\nG0 X0 U0\nG1 X5\nG20\nU1\nG21\nX1\nM2\n", "part.ngc")
-    assert why_mixed(program) == ["it moves in mm and in inches"]
+    assert why_not_editable(program) == ["it moves in mm and in inches"]
 
 
 def test_what_is_in_other_units_carries_no_offset() -> None:
