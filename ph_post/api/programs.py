@@ -718,11 +718,16 @@ def _with_miscounts(made: CompensatedProgram, verdict: Verdict) -> Verdict:
     return replace(verdict, failures=(*rest, *told), found=verdict.found + len(told) - len(failed))
 
 
+_CARRIED_ON: Final = ("break", "path", "state")
+"""Kinds of failures by what a chain leaves in force for the next: how it moves, and in which modes."""
+
+
 def _failed_places(program: PartProgram, after: PartProgram, verdict: Verdict) -> Places:
     """Return the motions between which a checker found failures, the first and the last where it lists but some.
 
-    Where one is between two chains motions of both are returned. What is counted over the whole program has no line:
-    the lines are those of the other failures.
+    Where what one chain leaves in force for the next has failed motions of both are returned; none at all where another
+    failure is not within the lines of a chain: leaving any alone would not mend that. What is counted over the whole
+    program has no line: the lines are those of the other failures.
     """
     motions = program.motions
     origins = line_origins(after, program)
@@ -742,6 +747,8 @@ def _failed_places(program: PartProgram, after: PartProgram, verdict: Verdict) -
         behind = int(np.searchsorted(motions.block, end))
         if last >= 0 and behind < motions.block.size and motions.chain[last] == motions.chain[behind]:
             found.append((last, behind))
+        elif one.original is not None and one.kind not in _CARRIED_ON:
+            return ()
         elif one.original is not None:
             # Between two chains: what one leaves in force, the other begins with.
             found += [(n, n) for n in (last, behind) if 0 <= n < motions.block.size]

@@ -267,8 +267,10 @@ def require_words(program: PartProgram) -> None:
     InputError
     """
     notes = program.notes
+    if program.motions.kind.size or not notes:
+        return
     prose = all(note.why >= FAULT and note.why % FAULT in _PROSE for note in notes)
-    if program.motions.kind.size or not notes or not (prose or _MARKUP.match(program.data)):
+    if not (prose or _MARKUP.match(program.data)):
         return
     inside = np.zeros(program.blocks, dtype=np.bool_)
     for note in notes:
