@@ -1,7 +1,8 @@
-"""What a line of a program costs, as processor time: rs274, and convert as a command, stage by stage, and in memory.
+"""What a line of a program costs, as processor time: convert as a command, stage by stage, and in memory.
 
 Each figure is that of many lines less that of few, by the difference of their numbers, so that starts do not count. The
-programs run for longer than is simulated, and the short ones are not simulated either. docs/pipelines.md has the table.
+programs run for longer than is simulated, and the short ones are not simulated either. docs/pipelines.md has the table,
+with LinuxCNC's rs274 beside it, and ArcWelder, which is timed where it is on the PATH.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from ph_post.gcode.read import read_program
 from ph_post.verify.verify import verify
 
 RS274 = shutil.which("rs274")
+ARC_WELDER = shutil.which("ArcWelder")
 MANY, FEW = 200_000, 16
 REPEATS = 2
 """Runs of which the least counts."""
@@ -100,6 +102,13 @@ def spirals(lines: int) -> bytes:
     return f"G21 G90 G17 G94\nG0 X20 Y0 Z5\nG1 Z-1 F200\nF150\n{text}\nG0 Z5\nM2\n".encode()
 
 
+def extruding(program: bytes) -> bytes:
+    """Give every line that moves X an E word, without which ArcWelder copies it."""
+    lines = program.decode().splitlines()
+    fed = (f"{line} E{0.01 * count:.2f}" if line.startswith("G1 X") else line for count, line in enumerate(lines))
+    return ("\n".join(fed) + "\n").encode()
+
+
 class Costs(NamedTuple):
     """What a line of a program costs [s], by what is done with it; memory by byte, and what a start takes."""
 
@@ -117,11 +126,20 @@ def costs(folder: Path, program: Callable[[int], bytes]) -> Costs:
         output = ["-o", str(folder / "converted.ngc"), "--force", "--no-simulation"]
         return run(folder, sys.executable, "-c", ASKED, "convert", str(files[lines]), "-m", "stepper", *output)
 
-    theirs, ours = ([one(lines) for lines in (FEW, MANY)] for one in (partial(interpret, folder, files), convert))
+    def weld(lines: int) -> Cost:
+        printed = folder / f"{lines}.gcode"
+        printed.write_bytes(extruding(files[lines].read_bytes()))
+        return run(folder, str(ARC_WELDER), str(printed), str(folder / "welded.gcode"))
+
+    def more(work: Callable[[int], Cost]) -> float:
+        return work(MANY).time - work(FEW).time
+
+    ours = [convert(lines) for lines in (FEW, MANY)]
     few, many = (stages(files[lines].read_bytes()) for lines in (FEW, MANY))
     own = {name: many[name] - few[name] for name in many}
     found = {
-        "`rs274 -g`": theirs[1].time - theirs[0].time,
+        "`rs274 -g`": more(partial(interpret, folder, files)),
+        **({"ArcWelder": more(weld)} if ARC_WELDER else {}),
         **own,
         "these without verifying": sum(own.values()) - own["verifying"],
         "all of these": sum(own.values()),
