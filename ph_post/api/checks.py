@@ -94,7 +94,7 @@ def verify(
     found = verifying.verify(shifted[0], programs[1], tolerance=tolerance, machine=drives)
     plain = in_own_lines(shifted[0])
     named = [
-        one if one.original is None else msgspec.structs.replace(one, original=plain.own_line(one.original - 1) + 1)
+        one if one.original is None else msgspec.structs.replace(one, original=plain.line_number(one.original - 1))
         for one in found.failures
     ]
     return msgspec.structs.replace(found, failures=tuple(named))

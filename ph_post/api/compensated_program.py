@@ -22,7 +22,7 @@ from ph_post.edit.preconditions import reckoned_feeds
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.errors import PhPostError
 from ph_post.files.check import counted
-from ph_post.gcode.paths import ProgramPath, line_words, own_words
+from ph_post.gcode.paths import ProgramPath
 from ph_post.gcode.program import Note, PartProgram
 from ph_post.progress import Progress, no_progress
 from ph_post.types import Machine
@@ -108,13 +108,12 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def warnings(self) -> tuple[str, ...]:
         """Warnings, a sentence each; stretches that are passed through come first, of each cause the first ones."""
         edits = () if self.edits is None else self.edits.warnings
-        passed = _passed(self.before.name, self.before.notes)
-        said = (*passed, *(_lead_notes(self.after) if self.done else ()), *edits)
-        return tuple(own_words(self.before, word) for word in said)
+        return (*_passed(self.before), *(_lead_notes(self.after) if self.done else ()), *edits)
 
 
-def _passed(name: str, notes: Sequence[Note]) -> Iterator[str]:
+def _passed(program: PartProgram) -> Iterator[str]:
     """Name the stretches that are passed through; of one cause a program may have thousands."""
+    name, notes = program.name, program.notes
     whole, named = Counter(_cause(note) for note in notes), Counter[str]()
     # Each cause has as many places as all may have; where there are too many causes, the first ones have one each.
     most = next((k for k in range(NOTED, 1, -1) if sum(min(number, k) for number in whole.values()) <= LISTED), 1)
@@ -122,7 +121,8 @@ def _passed(name: str, notes: Sequence[Note]) -> Iterator[str]:
         cause = _cause(note)
         if named[cause] < most and named.total() < LISTED:
             named[cause] += 1
-            lines = f"{note.first + 1}" + (f" to {note.last + 1}" if note.last > note.first else "")
+            first, last = program.line_range(note.first, note.last)
+            lines = f"{first}" + (f" to {last}" if last > first else "")
             yield f"{name}:{lines}: {note.what}: passed through unchanged"
     for cause, number in named.items():
         if more := whole[cause] - number:
@@ -153,10 +153,12 @@ def cycle_time(motion: ProgramMotion) -> float:
 
 def head_notes(program: PartProgram, warnings: Sequence[str]) -> tuple[str, ...]:
     """Warnings for the head of a program; beyond the first ones their number."""
-    passed = (f"{line_words(note.first, note.last)}: {note.what}: passed through unchanged" for note in program.notes)
+    passed = (
+        f"{program.line_words(note.first, note.last)}: {note.what}: passed through unchanged" for note in program.notes
+    )
     words = [f"warning: {word}" for word in (*passed, *warnings)]
     more = [f"{len(words) - NOTED} more warnings"] if len(words) > NOTED else []
-    return (*(own_words(program, word) for word in words[:NOTED]), *more)
+    return (*words[:NOTED], *more)
 
 
 def refusal(name: str, verdict: Verdict) -> PhPostError:

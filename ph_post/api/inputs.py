@@ -27,7 +27,7 @@ from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
 from ph_post.files.path import path_of
 from ph_post.files.storage import SourceBytes, SourceText, decoded, is_program, or_shipped, read_raw
-from ph_post.gcode.paths import line_words, main_path
+from ph_post.gcode.paths import main_path
 from ph_post.gcode.program import PartProgram
 from ph_post.progress import Progress, no_progress
 from ph_post.types import Axis, BacklashInterval, Log, Machine, Path
@@ -314,7 +314,7 @@ def _read_path(raw: SourceBytes, machine: Machine | None, dialect: str | None) -
     program = read_as(dialect_of([raw.data], dialect, machine), raw.data, raw.name)
     program, past = _uncompensated(program)
     found, warnings = main_path(program)
-    notes = (f"{line_words(note.first, note.last)}: {note.what}: not in the path" for note in program.notes)
+    notes = (f"{program.line_words(note.first, note.last)}: {note.what}: not in the path" for note in program.notes)
     return found.path, (*past, *warnings, *notes)
 
 

@@ -28,7 +28,7 @@ from ph_post.edit.reversals import section_spans
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.errors import InputError, PhPostError
 from ph_post.files.check import in_words
-from ph_post.gcode.paths import ProgramPath, line_words, paths_of
+from ph_post.gcode.paths import ProgramPath, paths_of
 from ph_post.gcode.program import AXES, LINE, RAPID, PartProgram, feed_runs
 from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
@@ -160,7 +160,7 @@ def plan_lead(
     whole = sum(float(one.s[-1]) for one in wanted)
     found = LeadPlan(stretches=(), free=(), plans=(), warnings=())
     for one in wanted:
-        where = line_words(*program.motions.block[one.motion[[0, -1]]].tolist())
+        where = program.line_words(*program.motions.block[one.motion[[0, -1]]].tolist())
         report = prefixed(progress, where)
         own = replace(
             options,
@@ -200,7 +200,7 @@ def _wanted(program: PartProgram, paths: Sequence[ProgramPath]) -> tuple[list[Pr
             low, high = one.motion[[first, last]].tolist()
             why = reasons.get(one.chain, "") or why_not_led(program, low, high)
             if why:
-                said.append(f"{line_words(*program.motions.block[[low, high]].tolist())} not led: {why}")
+                said.append(f"{program.line_words(*program.motions.block[[low, high]].tolist())} not led: {why}")
             else:
                 wanted.append(_part(one, first, last))
     return wanted, said

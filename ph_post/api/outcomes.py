@@ -185,7 +185,7 @@ def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) 
     helped = [] if expanded else [note for note in notes if note.what.startswith(known)]
     # What is advised has to be true of the stretch that is named.
     named = (helped or notes)[0]
-    said = [f"line {program.own_line(named.first) + 1}: {named.what}"]
+    said = [f"{program.line_words(named.first)}: {named.what}"]
     if helped:
         said.append("--expand writes it out as plain moves")
     if base in WRITTEN_AS_LINUXCNC and any(note.what.startswith(_CUTTER) for note in notes):

@@ -211,7 +211,7 @@ def _of_path(
     reach = _reach(found.before.motions, path, analysis.turning_points)
     places = _places(path, analysis.turning_points)
     motion = np.array([number for _, number, _ in places], dtype=np.int64)
-    lines = found.before.own_lines_of(motion) + 1
+    lines = found.before.line_numbers(motion)
     windows = {member: window for window in analysis.windows for member in window.members}
     slight = _slight(analysis, found.before.motions, motion)
     at_end = _at_end(found.before.motions, analysis, places, slight)

@@ -90,7 +90,7 @@ class BeamGuard:
         if not left:
             return []
         block = self._program.motions.block
-        where = places_words([(int(block[begin]), int(block[end - 1])) for begin, end in left])
+        where = places_words(self._program, [(int(block[begin]), int(block[end - 1])) for begin, end in left])
         return [f"not compensated in {where}: {_WHY[self.tool]}"]
 
 

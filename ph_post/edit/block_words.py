@@ -295,7 +295,7 @@ class PartWords:
             decimals = self._coarse if few else self._fine
             count = 0.0 if math.isnan(one) else one / self.modal.units * 10.0**decimals
             if not abs(count) * 10.0 ** (self._fine - decimals) <= _LARGEST:
-                where = f"{self.program.name}:{self.block + 1}"
+                where = f"{self.program.name}:{self.program.line_number(self.block)}"
                 raise InputError(where, "a place that has too many digits to be written")
             found.append(round(count) * 10 ** (self._fine - decimals))
         return np.array(found, dtype=np.int64)
@@ -355,7 +355,7 @@ class PartWords:
     def _require(self, axis: int, *points: Array) -> None:
         """Refuse to write a place that follows from an unknown position."""
         if any(np.isnan(point[axis]) for point in points):
-            where = f"{self.program.name}:{self.block + 1}"
+            where = f"{self.program.name}:{self.program.line_number(self.block)}"
             raise InputError(where, f"a place inside a motion that begins where {AXES[axis]} is not known")
 
     def _axes(self, kind: int) -> list[int]:

@@ -183,7 +183,7 @@ class ChangeWriter:
         self._stale = relying >= block
         if wanted is None:
             raise InputError(
-                f"{self._program.name}:{relying + 1}",
+                f"{self._program.name}:{self._program.line_number(relying)}",
                 "a move in a mode that is not known, which a stop before it would change",
                 expected="a G word on this line",
             )
@@ -237,10 +237,10 @@ class ChangeWriter:
         assert self._change is not None
         self._change.removed += 1
         if self._program.motions.kind[task.motion] == RAPID and not task.whole:
-            raise InputError(f"{self._program.name}:{block + 1}", "a rapid cannot be divided")
+            raise InputError(f"{self._program.name}:{self._program.line_number(block)}", "a rapid cannot be divided")
         why = why_kept_whole(self._program, task.motion)
         if why and not task.whole:
-            raise InputError(f"{self._program.name}:{block + 1}", f"this line {why}")
+            raise InputError(f"{self._program.name}:{self._program.line_number(block)}", f"this line {why}")
         here = task.whole or 1.0 not in task.stops or task.stops[1.0].behind is None
         stops = {share: stop for share, stop in task.stops.items() if 0.0 < share < 1.0 or (share == 1.0 and here)}
         self._divided(task, stops, block, offset)
@@ -471,7 +471,8 @@ class ChangeWriter:
             tolerance = self._rounding
         if tolerance > 0.0 and self._program.motions.exact[task.motion]:
             if self._dialect.syntax.path_mode is None:
-                where = f"{self._program.name}:{self._program.motions.block[task.motion] + 1}"
+                number = self._program.line_number(self._program.motions.block[task.motion])
+                where = f"{self._program.name}:{number}"
                 raise InputError(where, f"{self._dialect.name} cannot leave exact-stop mode for a feed dip")
             wanted = self._dialect.syntax.path_mode(tolerance * MM / modal.units)
         if wanted is not None and wanted != self._path:

@@ -30,7 +30,6 @@ from ph_post.edit.crossings import ERROR, FINE, PART
 from ph_post.edit.cutter_offsets import crossing_fits, safe_chord
 from ph_post.edit.edits import CrossingEdit, StopEdit
 from ph_post.edit.reversals import CARRIED, CHAIN, FIRST, LAST, MOTION, SHARE, SHARE0, SHARE1, SIGN
-from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, Motions, PartProgram
 from ph_post.types import Array
 from ph_post.units import MM
@@ -531,7 +530,7 @@ class CutterContours:
     def lines(self) -> list[str]:
         """Return the lines of each contour in words."""
         block = self._program.motions.block
-        return [line_words(int(block[one.first]), int(block[one.last])) for one in self.contours]
+        return [self._program.line_words(int(block[one.first]), int(block[one.last])) for one in self.contours]
 
     def words(self, why: Mapping[int, str], radii: Mapping[int, float], offset: Array) -> list[str]:
         """Return warnings of contours that are left, and what holds for those with an offset (m, 3)."""

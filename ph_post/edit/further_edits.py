@@ -32,7 +32,6 @@ from ph_post.edit.preconditions import FINE, why_not_editable, word_decimals
 from ph_post.edit.reversal_search import motion_times
 from ph_post.gcode import codes
 from ph_post.gcode.further import FurtherMoves, further_moves, unit_of
-from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import RAPID, PartProgram, chain_heads
 from ph_post.gcode.working import working_motions
 from ph_post.types import ROTARY_AXES, Array, Axis, IntArray, Machine
@@ -240,7 +239,7 @@ class _AxisPlanner:
             try:
                 self._chain(draft, low, high)
             except _Left as why:
-                where = line_words(int(moves.block[low]), int(moves.block[high - 1]))
+                where = self._program.line_words(int(moves.block[low]), int(moves.block[high - 1]))
                 left.append(f"axis {self._axis.name} not compensated in {where}: {why}")
                 missed += self._reversals(low, high)
                 draft = self._plain(low, high)
@@ -302,6 +301,10 @@ class _AxisPlanner:
         """Return the line before which nothing may last that was added to a move."""
         return int(self._moves.ends[self._moves.chain[n]])
 
+    def _line(self, n: int) -> str:
+        """Name the line of a move."""
+        return self._program.line_words(self._moves.block[n])
+
     def _chain(self, draft: _Draft, low: int, high: int) -> None:
         """Plan a chain of moves.
 
@@ -315,12 +318,12 @@ class _AxisPlanner:
             turn, unclear, draft.begin = int(turns[n - low]), self._unclear(n), draft.carried
             onto = bool(wanted) and moves.rapid[n] and turn not in (0, wanted) and self._works(n, high)
             if np.isnan(moves.end[n]):
-                raise _Left(f"line {moves.block[n] + 1} moves it from where its place is not known")
+                raise _Left(f"{self._line(n)} moves it from where its place is not known")
             if moves.rapid[n] and (unclear or onto):
                 draft.reversals += int(onto and not unclear)
                 self._approach(draft, n, wanted or next((int(one) for one in turns[n + 1 - low :] if one), 1))
             elif unclear and not np.isnan(moves.start[n]):
-                raise _Left(f"line {moves.block[n] + 1} turns it by half a turn or more, which may be either way round")
+                raise _Left(f"{self._line(n)} turns it by half a turn or more, which may be either way round")
             elif not unclear:
                 self._go(draft, n, turn)
             self._stand(draft, n, high)
@@ -434,7 +437,7 @@ class _AxisPlanner:
             "the feed is one a turn (G95)": at_feed and not per_minute and modal.feed_mode != _INVERSE,
             "the feed is not known": at_feed and per_minute and not program.feed_after(block - 1) > 0.0,
         }
-        return next((f"{why} before line {block + 1}" for why, holds in whys.items() if holds), "")
+        return next((f"{why} before {program.line_words(block)}" for why, holds in whys.items() if holds), "")
 
 
 def leg_signs(places: Array, band: float) -> IntArray:

@@ -28,7 +28,6 @@ from ph_post.edit.preconditions import (
     written_offsets,
 )
 from ph_post.gcode.holes import ACROSS, TAPS, HoleRun, goes_on, hole_runs, place_before
-from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Axis, Machine
 
@@ -92,7 +91,7 @@ def plan_holes(program: PartProgram, machine: Machine, dialect: Dialect, options
                 planner.leave(run)
         else:
             done.append((run.first, run.last))
-    said = _left_words(left)
+    said = _left_words(program, left)
     if done:
         amplitude = {axis.name: axis.gap.lost_motion for axis in axes}
         said += [*friction_warnings(amplitude, "cutter", climbs=False), *double_compensation(program, dialect, machine)]
@@ -104,9 +103,9 @@ def plan_holes(program: PartProgram, machine: Machine, dialect: Dialect, options
     )
 
 
-def _left_words(left: Mapping[str, Sequence[tuple[int, int]]]) -> list[str]:
+def _left_words(program: PartProgram, left: Mapping[str, Sequence[tuple[int, int]]]) -> list[str]:
     words = [
-        f"holes not compensated in {line_words(*span)}: {why}"
+        f"holes not compensated in {program.line_words(*span)}: {why}"
         for why, spans in left.items()
         for span in spans[:_MOST_REASONS]
     ]
@@ -127,7 +126,7 @@ def _plan_run(
     carried = frozenset(planner.name for planner in planners if planner.carried)
     line = goes_on(program, run.last, carried) if carried else None
     if line is not None:
-        return f"line {line + 1} goes on from where they end"
+        return f"{program.line_words(line)} goes on from where they end"
     if beside:
         changes.append(_empty_cycles(program, dialect, planners, run))
     for planner in planners:

@@ -109,16 +109,16 @@ def why_not_led(program: PartProgram, first: int, last: int) -> str:
         if block in moves and motions.kind[moves[block]] == CUBIC:
             plain = letters <= _SPLINE_WORDS and all(code in _SPLINE_CODES for code in codes)
         if not plain or (block not in moves and letters - {"N", "F"}):
-            return f"line {block + 1} is {'no move' if block not in moves else 'more than a move'}"
+            return f"{program.line_words(block)} is {'no move' if block not in moves else 'more than a move'}"
         if program.text(block).lstrip().startswith(b"/"):
-            return f"line {block + 1} may be skipped (/)"
+            return f"{program.line_words(block)} may be skipped (/)"
         modal = program.modal_after(block)
         if modal.feed_mode != 94:
-            return f"line {block + 1} is not in feed per minute (G94)"
+            return f"{program.line_words(block)} is not in feed per minute (G94)"
         if block in moves and (why := _why_elsewhere(program, moves[block], placed)):
             return why
     if (motions.kind[first : last + 1] == RAPID).any():
-        return f"line {begin + 1} is a rapid"
+        return f"{program.line_words(begin)} is a rapid"
     return ""
 
 
@@ -132,12 +132,12 @@ def _why_elsewhere(program: PartProgram, motion: int, placed: BoolArray) -> str:
         if letter not in AXES:
             continue
         if letter == "X" and program.language.diameters:
-            return f"X is a diameter in line {block + 1}"
+            return f"X is a diameter in {program.line_words(block)}"
         column, place = AXES.index(letter), float(words.value[word]) * modal.units
         if not (modal.absolute or placed[column]):
-            return f"G91 alone moves {letter} in line {block + 1}, and where it is under G90 is not known"
+            return f"G91 alone moves {letter} in {program.line_words(block)}, and where it is under G90 is not known"
         if modal.absolute and not abs(place - motions.end[motion, column]) <= SAME:
-            return f"the place of {letter} in line {block + 1} is not the word's own"
+            return f"the place of {letter} in {program.line_words(block)} is not the word's own"
     return ""
 
 

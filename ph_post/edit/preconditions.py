@@ -25,7 +25,7 @@ from ph_post.gcode.codes import FAULT
 from ph_post.gcode.further import further_lines
 from ph_post.gcode.lexer import BAD_CHARACTER, NO_LETTER, NO_NUMBER, TEXT
 from ph_post.gcode.motion_parts import chord_lengths, split_cubic
-from ph_post.gcode.paths import line_words, without_feed
+from ph_post.gcode.paths import without_feed
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, PLANE_AXES, RAPID, PartProgram, feed_runs
 from ph_post.gcode.read import shortened
 from ph_post.gcode.working import tool_in_words, working_motions
@@ -210,8 +210,8 @@ def warn_reckoned(program: PartProgram, reckoned: PartProgram) -> list[str]:
         return []
     lines, feed = program.motions.block[found[[0, -1]]].tolist(), reckoned.motions.feeds.at(found[0])
     return [
-        f"the feed in {line_words(*lines)} is not known (G95, units of the control's own, or no F yet): the time is"
-        f" reckoned with {feed / MM_PER_MIN:g} mm/min, and new lines have the feed in force"
+        f"the feed in {program.line_words(*lines)} is not known (G95, units of the control's own, or no F yet): the"
+        f" time is reckoned with {feed / MM_PER_MIN:g} mm/min, and new lines have the feed in force"
     ]
 
 
@@ -278,7 +278,7 @@ def require_words(program: PartProgram) -> None:
     if inside[program.words.block].all():
         first = next(line for line in range(program.blocks) if program.text(line).strip())
         raise InputError(
-            f"{program.name}:{first + 1}",
+            f"{program.name}:{program.line_number(first)}",
             "not a part program, as no line of it is understood",
             expected="words, such as G1 X10",
             got=shortened(program.text(first).decode("utf-8", "replace").strip()),
@@ -300,7 +300,7 @@ def require_tool(program: PartProgram, machine: Machine) -> None:
         extrudes = pushed[np.isin(pushed, moves) & ~np.isin(pushed, others)]
         if extrudes.size:
             raise InputError(
-                f"{program.name}:{extrudes[0] + 1}",
+                f"{program.name}:{program.line_number(extrudes[0])}",
                 f"the line extrudes (E), for which {machine.dialect} has no words",
                 expected="a machine file with the dialect marlin or klipper",
             )
@@ -310,7 +310,7 @@ def require_tool(program: PartProgram, machine: Machine) -> None:
     if found[0] == "extruder" or machine.tool in ("cutter", "extruder"):
         nozzle = found[0] == "extruder"
         raise InputError(
-            f"{program.name}:{found[1] + 1}",
+            f"{program.name}:{program.line_number(found[1])}",
             "the line extrudes (E)" if nozzle else "the program is a laser's or a torch's: S or M3 switches the beam",
             expected='a machine file with tool = "extruder"' if nozzle else 'one with tool = "laser" or "plasma"',
             got=f'"{machine.tool}"',
@@ -335,7 +335,7 @@ def why_not_editable(program: PartProgram, *, mixed: bool = False) -> list[str]:
         # With other L words G10 sets tools (R is a radius then) and parameters; a computed L may be any.
         systems = math.isnan(own.get("L", math.nan)) or own["L"] in _WORK_SYSTEMS
         if systems and own.get("R", 0.0) != 0.0:
-            troubles.append(f"line {block + 1} turns the work system (G10 with R) away from the axes")
+            troubles.append(f"{program.line_words(block)} turns the work system (G10 with R) away from the axes")
     if program.language.stays is not None and (why := program.language.stays(program.data)):
         troubles.append(why)
     if not mixed and len(program_units(program)) > 1:
@@ -374,10 +374,12 @@ def double_compensation(program: PartProgram, dialect: Dialect, machine: Machine
     twice = "the backlash would be compensated twice"
     said = []
     if found.size:
-        said = [f"line {found[0] + 1} switches the controller's own backlash compensation on (M425): {twice}"]
+        said = [
+            f"{program.line_words(found[0])} switches the controller's own backlash compensation on (M425): {twice}"
+        ]
     if program.language.hide is not None and (own := _OWN_ON.search(program.data)):
         line = int(np.searchsorted(program.lines, np.int32(own.start()), side="right"))
-        said = [f"line {line} sets the controller's own backlash compensation (M425): {twice}"]
+        said = [f"{program.line_words(line - 1)} sets the controller's own backlash compensation (M425): {twice}"]
     return [*said, *own_setting(dialect, machine)]
 
 
@@ -427,8 +429,8 @@ def warn_climbing(program: PartProgram) -> list[str]:
         return []
     line = int(np.searchsorted(program.lines, found.start(), side="right"))
     return [
-        f"line {line} speaks of climb milling: such a cutter can pull the table, which friction alone holds, across its"
-        " backlash; conventional milling does not"
+        f"{program.line_words(line - 1)} speaks of climb milling: such a cutter can pull the table, which friction"
+        " alone holds, across its backlash; conventional milling does not"
     ]
 
 
@@ -443,7 +445,7 @@ def warn_unknown(program: PartProgram, axes: Iterable[str]) -> list[str]:
         if lost.size:
             warnings.append(
                 f"axis {name} not compensated at {lost.size} motions, the first in line"
-                f" {lost[0] + 1}: they begin where its position is not known"
+                f" {program.line_number(lost[0])}: they begin where its position is not known"
             )
     return warnings
 
@@ -459,7 +461,7 @@ def warn_blocked(program: PartProgram, blocked: Mapping[str, BoolArray]) -> list
     warnings = []
     for why, marks in blocked.items():
         for chain in np.flatnonzero(marks)[:_MOST_PLACES].tolist():
-            where = line_words(int(block[low[chain]]), int(block[high[chain] - 1]))
+            where = program.line_words(int(block[low[chain]]), int(block[high[chain] - 1]))
             warnings.append(f"not compensated in {where}: {why}")
         if marks.sum() > _MOST_PLACES:
             warnings.append(f"{counted(int(marks.sum()) - _MOST_PLACES, 'more place')} not compensated: {why}")

@@ -382,7 +382,7 @@ class ReversalSearch:
             block = int(program.motions.block[motion])
             turned = program.modal_after(block - 1).absolute and not program.modal_after(block).absolute
             if turned and self.open[name][section]:
-                why = f"line {block + 1} goes over to G91 from where its position may not be known"
+                why = f"{program.line_words(block)} goes over to G91 from where its position may not be known"
                 self.give_up(name, section, why)
                 found = True
         absolute = self._absolute[rows[:, MOTION].astype(np.int64)]
@@ -426,4 +426,4 @@ def stretch_words(program: PartProgram, stretches: Sequence[tuple[int, int]]) ->
         else:
             joined.append([begin, end])
     block = program.motions.block
-    return places_words([(int(block[begin]), int(block[end - 1])) for begin, end in joined])
+    return places_words(program, [(int(block[begin]), int(block[end - 1])) for begin, end in joined])

@@ -18,7 +18,6 @@ from ph_post.dialects.declaration import THREADS
 from ph_post.edit.edits import CrossingEdit, StopEdit
 from ph_post.edit.reversals import CARRIED, CHAIN, FIRST, LAST, MOTION, SHARE, SHARE0, SHARE1, SIGN
 from ph_post.gcode.motion_parts import chord_lengths
-from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import AXES, RAPID, PartProgram, chain_heads, runs
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
@@ -204,7 +203,7 @@ class Threads:
     def words(self, untied: Mapping[int, str], offset: Array) -> list[str]:
         """Return warnings of threads that are left, and what is done to those with an offset (m, 3)."""
         block = self._program.motions.block
-        lines = [line_words(int(block[first]), int(block[end - 1])) for first, end in self.spans]
+        lines = [self._program.line_words(int(block[first]), int(block[end - 1])) for first, end in self.spans]
         said: dict[str, list[int]] = {}
         for n, why in untied.items():
             said.setdefault(why, []).append(n)
@@ -221,7 +220,7 @@ class Threads:
         if not self.spans or any(THREAD_LEFT in word for word in said):
             return []
         block = self._program.motions.block
-        lines = [line_words(int(block[first]), int(block[end - 1])) for first, end in self.spans]
+        lines = [self._program.line_words(int(block[first]), int(block[end - 1])) for first, end in self.spans]
         where = _counted(lines, list(range(len(lines))))
         return [f"{where}: {THREAD_LEFT}: no plan that shifts it makes the part better in every measure"]
 

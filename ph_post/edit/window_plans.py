@@ -24,7 +24,7 @@ from ph_post.edit.reversals import section_spans
 from ph_post.edit.window_edits import UnchangedWindow, place_plan
 from ph_post.errors import TooLargeError
 from ph_post.files.check import in_words
-from ph_post.gcode.paths import ProgramPath, line_words
+from ph_post.gcode.paths import ProgramPath
 from ph_post.gcode.program import PartProgram
 from ph_post.geometry.curves import Composite
 from ph_post.geometry.joints import find_stops
@@ -294,7 +294,7 @@ def _shared_out(options: PlanOptions, parts: Sequence[_Part]) -> list[PlanOption
 
 def _where(program: PartProgram, path: ProgramPath) -> str:
     first, last = program.motions.block[path.motion[[0, -1]]].tolist()
-    return line_words(first, last)
+    return program.line_words(first, last)
 
 
 def shifts_axes(options: PlanOptions) -> bool:
@@ -328,4 +328,4 @@ def _pulses(stops: Sequence[StopEdit]) -> Mapping[str, float]:
 def _words(program: PartProgram, made: WindowPlan, left: UnchangedWindow) -> str:
     points = [made.plan.turning_points[k] for k in made.plan.windows[left.window].members]
     axes = in_words(list(dict.fromkeys(point.axis for point in points)))
-    return f"line {program.motions.block[left.motion] + 1}: {axes} reversal not compensated: {left.why}"
+    return f"{program.line_words(program.motions.block[left.motion])}: {axes} reversal not compensated: {left.why}"

@@ -244,7 +244,7 @@ def _rounded_digits(program: PartProgram, word: PlaceArray) -> tuple[IntArray, N
         places = FINEST if decimals[one] > FINEST else int(decimals[one])
         count = round(Fraction(int(digits[one]), 10 ** (int(decimals[one]) - places)))
         if abs(count) > _LARGEST:
-            where = f"{program.name}:{program.words.block[word[one]] + 1}"
+            where = f"{program.name}:{program.line_number(program.words.block[word[one]])}"
             expected = f"<= {len(str(_LARGEST)) - 1} digits"
             raise InputError(where, "the number has too many digits to add an offset", expected=expected)
         digits[one], decimals[one] = count, places

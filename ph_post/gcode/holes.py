@@ -227,4 +227,4 @@ def _why_not(lines: _Lines, block: int, letters: set[str], g: list[float], m: li
     if set(g) & {76.0, 87.0, 88.0} or modal.motion in ("G76", "G87", "G88"):
         return "X and Y move in the hole (G76, G87), or a person moves them (G88)"
     odd = not set(g) <= {*_CYCLES, *_BESIDE} or not letters <= _LETTERS or not set(m) <= {*_QUIET_M}
-    return f"line {block + 1} does more than to drill" if odd else ""
+    return f"{lines.program.line_words(block)} does more than to drill" if odd else ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Final
@@ -114,7 +113,8 @@ def chains_without_feed(program: PartProgram) -> tuple[str, ...]:
     """Name the chains whose motion is known but not its speed: they have no path."""
     motions = program.motions
     return tuple(
-        f"{program.name}:{motions.block[rows[0]] + 1}: from here on the feed is not known (G95, or no F): left as it is"
+        f"{program.name}:{program.line_number(motions.block[rows[0]])}: from here on the feed is not known (G95, or no"
+        " F): left as it is"
         for _, rows in _chains(motions)
         if _lacks_feed(motions, rows)
     )
@@ -135,7 +135,7 @@ def main_path(program: PartProgram) -> tuple[ProgramPath, tuple[str, ...]]:
         raise InputError(program.name, "no path", expected="motions G1, G2, G3 or G5 with a feed", got=got)
     longest = max(paths, key=lambda one: float(one.s[-1]))
     others = [
-        f"{line_words(first, last)}: a path of its own, {one.s[-1] / MM:.6g} mm, which is not shown"
+        f"{program.line_words(first, last)}: a path of its own, {one.s[-1] / MM:.6g} mm, which is not shown"
         for one in paths
         if one is not longest
         for first, last in [program.motions.block[one.motion[[0, -1]]].tolist()]
@@ -143,64 +143,22 @@ def main_path(program: PartProgram) -> tuple[ProgramPath, tuple[str, ...]]:
     return longest, (*longest.warnings, *others, *words)
 
 
-def line_words(first: int, last: int) -> str:
-    """Name the lines from `first` to `last`, counted from 0, as people count them.
-
-    Examples
-    --------
-    >>> line_words(2, 2), line_words(0, 4)
-    ('line 3', 'lines 1 to 5')
-    """
-    return f"line {first + 1}" if first == last else f"lines {first + 1} to {last + 1}"
-
-
-_LINES: Final = re.compile(r"\b(lines? )(\d+)(?:( to )(\d+))?")
-"""Lines that a sentence names, as :func:`line_words` does."""
-
-
-def own_words(program: PartProgram, words: str) -> str:
-    r"""Return a sentence that names lines of a program, with those of the person's own program that they stand for.
-
-    Examples
-    --------
-    It stays where the program is the person's own:
-
-    >>> from ph_post.gcode.read import read_program
-    >>> own_words(read_program(b"G1 X1\n", "a.ngc"), "axis X not compensated in line 1")
-    'axis X not compensated in line 1'
-    """
-    if program.origins is None:
-        return words
-
-    def own(found: re.Match[str]) -> str:
-        before, first, to, last = found.groups()
-        numbers = [int(number) for number in (first, last) if number is not None]
-        if not all(0 < number <= program.blocks for number in numbers):
-            return found[0]
-        counted = [str(program.own_line(number - 1) + 1) for number in numbers]
-        if last is not None and counted[0] == counted[1] and before == "lines ":
-            return f"line {counted[0]}"
-        return before + (to or "").join(counted)
-
-    there = re.compile(rf"(^{re.escape(program.name)}:)(\d+)(?:( to )(\d+))?")
-    return _LINES.sub(own, there.sub(own, words))
-
-
 SHOWN: Final = 3
 """Places that a warning names."""
 
 
-def places_words(spans: Sequence[tuple[int, int]]) -> str:
-    """Name the first few of some stretches of lines, each from its first to its last one, and count the others.
+def places_words(program: PartProgram, spans: Sequence[tuple[int, int]]) -> str:
+    r"""Name the first few of some stretches of lines, each from its first to its last one, and count the others.
 
     Examples
     --------
-    >>> places_words([(2, 2), (4, 6), (8, 9), (11, 11)])
+    >>> from ph_post.gcode.read import read_program
+    >>> places_words(read_program(b"G1\n" * 12, "a.ngc"), [(2, 2), (4, 6), (8, 9), (11, 11)])
     'line 3, lines 5 to 7, lines 9 to 10 and 1 more place'
     """
     left = len(spans) - SHOWN
     more = f" and {left} more place{'s' if left > 1 else ''}" if left > 0 else ""
-    return ", ".join(line_words(*one) for one in spans[:SHOWN]) + more
+    return ", ".join(program.line_words(*one) for one in spans[:SHOWN]) + more
 
 
 def _chains(motions: Motions) -> list[tuple[int, PlaceArray]]:
@@ -229,15 +187,16 @@ def _known(program: PartProgram, rows: PlaceArray) -> tuple[PlaceArray, tuple[st
     before = int(np.argmax(~np.isnan(end[:, late]).all(axis=1)))
     if before > kept.size:
         found, said = _known(program, rows[:before])
-        return found, (*said, *_left_out(motions, rows[before:], "all axes are placed there alone"))
-    return kept, _left_out(motions, rows[: unknown[-1] + 1], "where the axes are is not known yet")
+        return found, (*said, *_left_out(program, rows[before:], "all axes are placed there alone"))
+    return kept, _left_out(program, rows[: unknown[-1] + 1], "where the axes are is not known yet")
 
 
-def _left_out(motions: Motions, rows: PlaceArray, why: str) -> tuple[str, ...]:
+def _left_out(program: PartProgram, rows: PlaceArray, why: str) -> tuple[str, ...]:
     """Say that motions are not in a path, where any of them cuts."""
+    motions = program.motions
     if (motions.kind[rows] == RAPID).all():
         return ()
-    return (f"{line_words(*motions.block[rows[[0, -1]]].tolist())}: {why}: left out of the path",)
+    return (f"{program.line_words(*motions.block[rows[[0, -1]]].tolist())}: {why}: left out of the path",)
 
 
 def _goes(motions: Motions, rows: PlaceArray) -> PlaceArray:

@@ -440,14 +440,34 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Number of lines."""
         return self.lines.size - 1
 
-    def own_line(self, block: int) -> int:
-        """Return the line of the person's own program, from 0, for which a line stands."""
-        return block if self.origins is None else int(self.origins[block])
+    def line_number(self, block: int) -> int:
+        """Return the number, from 1, of the line of the person's own program for which a line (from 0) stands."""
+        return int(block if self.origins is None else self.origins[block]) + 1
 
-    def own_lines_of(self, motions: IntArray) -> IntArray:
-        """Return the lines of the person's own program, from 0, on which motions are (k,)."""
+    def line_numbers(self, motions: IntArray) -> IntArray:
+        """Return the numbers, from 1, of the lines of the person's own program on which motions are (k,)."""
         blocks = self.motions.block[motions].astype(np.int64)
-        return blocks if self.origins is None else self.origins[blocks]
+        return (blocks if self.origins is None else self.origins[blocks]) + 1
+
+    def line_range(self, first: int, last: int) -> tuple[int, int]:
+        """Return the numbers of the first and the last line of the person's own program for which lines stand."""
+        if self.origins is None:
+            return int(first) + 1, int(last) + 1
+        own = self.origins[first : last + 1]
+        return int(own.min()) + 1, int(own.max()) + 1
+
+    def line_words(self, first: int, last: int | None = None) -> str:
+        r"""Name a line, or those up to `last`, counted from 0, as people count those of their own program.
+
+        Examples
+        --------
+        >>> from ph_post.gcode.read import read_program
+        >>> program = read_program(b"G21 G90\nG1 F60\nX1\nX2\nM2\n", "a.ngc")
+        >>> program.line_words(2), program.line_words(0, 4)
+        ('line 3', 'lines 1 to 5')
+        """
+        low, high = self.line_range(first, first if last is None else last)
+        return f"line {low}" if low == high else f"lines {low} to {high}"
 
     @property
     def begin_line(self) -> int | None:

@@ -137,7 +137,7 @@ def _with_early(found: ResultSummary, after: ProgramMotion, reversals: Sequence[
     if found.left or before is None or now is None or not found.axes or now.max <= LEFT_EARLY * before.max:
         return found
     motion = after.last_motion_off(LEFT_EARLY * now.max)
-    line = int(after.original.own_lines_of(np.array([motion]))[0]) + 1
+    line = int(after.original.line_numbers(np.array([motion]))[0])
     if motion < 0 or any(one.line < line for one in reversals):
         return found
     behind = after.error_gap_behind(motion)

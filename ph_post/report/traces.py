@@ -20,7 +20,6 @@ from ph_post.bounds import check_places
 from ph_post.compensate.comparison import strategy_at, window_number
 from ph_post.compensate.motion import without_strategy
 from ph_post.edit.cutter_contours import CutterContours
-from ph_post.gcode.paths import line_words, own_words
 from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress
 from ph_post.report.programs import window_views
@@ -274,12 +273,12 @@ def program_picture(
         notes=(
             *(["G92 or the like moves the zero: places are those from the first one"] if path.renames else []),
             *(
-                f"{own_words(original, line_words(*lines))}: where the axes are is not known; nothing is drawn, and no"
+                f"{original.line_words(*lines)}: where the axes are is not known; nothing is drawn, and no"
                 " number is given"
                 for lines in unknown_lines(original)
             ),
             *(
-                f"{own_words(original, lines)}: the contour is drawn; the tool goes beside it by its radius"
+                f"{lines}: the contour is drawn; the tool goes beside it by its radius"
                 for lines in CutterContours(original).lines()
             ),
         ),
@@ -336,7 +335,7 @@ def _program_trace(name: str, motion: ProgramMotion, path: CutPath, points: Sequ
         worst_scenario=found.worst,
         run=found.run,
         turning=turning_errors(found.distance[rows], found.place[rows], points),
-        line=motion.original.own_lines_of(found.motion) + 1,
+        line=motion.original.line_numbers(found.motion),
     )
 
 
