@@ -72,12 +72,13 @@ def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect)
     for number in np.unique(mode[rounded > backlash]).tolist():
         worst = int(np.argmax(np.where(mode == number, rounded / backlash, 0.0)))
         motion = program.motions.block[worst]
-        named = f"line {modes[number - 1] + 1}: {program.modal_after(int(motion)).path}" if number else ""
+        named = f"{program.line_words(modes[number - 1])}: {program.modal_after(int(motion)).path}" if number else ""
         units = program.modal_after(int(motion)).units
         advised = float(f"{min(WIDEST, PART * backlash[worst]) / units:.1g}")
+        size, line = _micrometres(rounded[worst]), program.line_words(motion)
         said.append(
-            f"{_mode_words(named)} rounds corners by up to {_micrometres(rounded[worst])} (line {motion + 1}), more"
-            f" than the backlash of {_micrometres(backlash[worst])}: {remedy(advised * MM)} keeps them within"
+            f"{_mode_words(named)} rounds corners by up to {size} ({line}), more than the backlash of"
+            f" {_micrometres(backlash[worst])}: {remedy(advised * MM)} keeps them within"
             f" {_micrometres(advised * units)}"
         )
     return said
@@ -90,8 +91,8 @@ def _unknown_modes(program: PartProgram, dialect: Dialect) -> list[str]:
     if not blocks.size:
         return []
     return [
-        f"line {blocks[0] + 1}: G64 is no word of {dialect.name}, which follows the path exactly and may stop there"
-        " with an error: take it out"
+        f"{program.line_words(blocks[0])}: G64 is no word of {dialect.name}, which follows the path exactly and may"
+        " stop there with an error: take it out"
     ]
 
 
