@@ -6,11 +6,10 @@ from typing import Final
 
 import msgspec
 
-from ph_post.api.expansion import written_out
+from ph_post.api.expansion import in_own_lines, written_out
 from ph_post.api.further_axes import shifted_original
 from ph_post.api.inputs import Source, any_machine
 from ph_post.api.options import require_number
-from ph_post.dialects.declaration import in_own_lines
 from ph_post.dialects.reading import read_program_file, read_program_pair
 from ph_post.dialects.registry import find_dialect
 from ph_post.diff import compare
@@ -86,15 +85,19 @@ def verify(
     programs = read_program_pair(original, compensated, drives, dialect)
     shifted = shifted_original(programs[1])
     progress("comparing")
-    if shifted is None:
-        return verifying.verify(written_out(*programs), programs[1], tolerance=tolerance, machine=drives)
-    first = verify_shifted(written_out(programs[0], shifted[1]), shifted[0], drives)
-    if not first.ok:
-        return first
-    found = verifying.verify(shifted[0], programs[1], tolerance=tolerance, machine=drives)
-    plain = in_own_lines(shifted[0])
+    plain = written_out(programs[0], programs[1] if shifted is None else shifted[1])
+    if shifted is not None:
+        first = verify_shifted(plain, shifted[0], drives)
+        if not first.ok:
+            return _in_lines_of(plain, first)
+        plain = in_own_lines(shifted[0])
+    return _in_lines_of(plain, verifying.verify(plain, programs[1], tolerance=tolerance, machine=drives))
+
+
+def _in_lines_of(program: PartProgram, found: Verdict) -> Verdict:
+    """Return a verdict on a program whose lines of the original are those that people know."""
     named = [
-        one if one.original is None else msgspec.structs.replace(one, original=plain.line_number(one.original - 1))
+        one if one.original is None else msgspec.structs.replace(one, original=program.line_number(one.original - 1))
         for one in found.failures
     ]
     return msgspec.structs.replace(found, failures=tuple(named))

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
+
+import msgspec
 
 from ph_post.api.options import CompensateOptions
-from ph_post.dialects.declaration import read_declaration
+from ph_post.dialects.declaration import is_written_here, read_declaration, shifted_origins
+from ph_post.dialects.reading import read_as
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
 from ph_post.expand.macro import FanucNumbers, is_doubtful
 from ph_post.expand.tools import ToolShape, tools_of_table
-from ph_post.expand.writing import EXPANDED, Spoken, Written
+from ph_post.expand.writing import EXPANDED, SHIFTED, Spoken, Written
 from ph_post.files.storage import SourceBytes, read_source, require_folder
 from ph_post.gcode.numbers import masked
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
 from ph_post.gcode.words import lines_of
+from ph_post.types import IntArray
 from ph_post.units import MM
-
-if TYPE_CHECKING:
-    from ph_post.expand.expand import Expansion
 
 WRITTEN_AS_LINUXCNC: Final = ("linuxcnc", "grbl", "grblhal")
 """Dialects whose programs are written out as LinuxCNC would run them."""
@@ -96,15 +97,10 @@ def expanded_job(
             raise InputError(where, error.what, expected=error.expected, got=error.got) from None
         said = InputError(where, error.what, expected=error.expected, got=error.got)
         return job, (f"{said}: not written out, the program stays as it is",)
-    return _with_data(job, found), found.notes
-
-
-def _with_data(job: PartProgram | SourceBytes, found: Expansion) -> PartProgram | SourceBytes:
-    if found.data == job.data:
-        return job
-    if isinstance(job, PartProgram):
-        return reread(job, found.data)
-    return SourceBytes(name=job.name, stem=job.stem, data=found.data)
+    if found.origins is None:
+        return job, found.notes
+    made = read_as(dialect, found.data, job.name, strict=options.strict)
+    return msgspec.structs.replace(made, origins=found.origins), found.notes
 
 
 def _folders(name: str, asked: tuple[str, ...]) -> tuple[Path, ...]:
@@ -186,27 +182,55 @@ def written_out(original: PartProgram, compensated: PartProgram) -> PartProgram:
         kept = EXPANDED.read(plain.data, plain.name)
         if kept is None or kept.original != original.data:
             return original
-        again = _again(original, kept)
     except InputError:
         return original
-    return reread(original, plain.data) if again == plain.data else original
+    origins = _origins_again(kept, plain.data, original.name)
+    if origins is None:
+        return original
+    return msgspec.structs.replace(reread(original, plain.data), origins=origins)
 
 
-def _again(original: PartProgram, kept: Written) -> bytes | None:
-    """Write the original out as it was; None where it cannot be any more."""
+def in_own_lines(program: PartProgram) -> PartProgram:
+    """Return a program that knows its lines before it was written out, and before further axes or holes were shifted.
+
+    Those people know. What was added stands for the line behind it. A program with which neither was done is returned
+    itself, as is one that was changed since then.
+    """
+    if program.origins is not None or not is_written_here(program.data):
+        return program
+    origins = _own_lines(program.data, program.name)
+    return program if origins is None else msgspec.structs.replace(program, origins=origins)
+
+
+def _own_lines(data: bytes, name: str) -> IntArray | None:
+    """Return the line (n,) of the person's own program for which each of a text stands; None where it is theirs."""
+    shifted = SHIFTED.read(data, name)
+    if shifted is not None:
+        found, own = shifted_origins(data, shifted.original), _own_lines(shifted.original, name)
+        return found if found is None or own is None else own[found]
+    try:
+        kept = EXPANDED.read(data, name)
+    except InputError:
+        return None
+    return None if kept is None else _origins_again(kept, data, name)
+
+
+def _origins_again(kept: Written, data: bytes, name: str) -> IntArray | None:
+    """Write an original out as it was, for the lines that those of the text come of; None where that is another one."""
     from ph_post.expand.expand import ExpandError, Folders, expand
 
     folders = Folders(known=kept.files)
     try:
-        return expand(
-            original.data,
-            original.name,
+        again = expand(
+            kept.original,
+            name,
             folders,
             language=kept.language,
             parameters=kept.parameters,
             tools=kept.tools,
             inches=kept.inches,
             version=kept.version,
-        ).data
+        )
     except ExpandError:
         return None
+    return again.origins if again.data == data else None

@@ -10,10 +10,11 @@ import msgspec
 import numpy as np
 
 from ph_post.api.compensated_program import ProgramRequest
+from ph_post.api.expansion import in_own_lines
 from ph_post.api.inputs import program_in
 from ph_post.api.results import AxisReversals
 from ph_post.compensate.strategies.registry import find_traits
-from ph_post.dialects.declaration import comment_pattern, in_own_lines, read_facts
+from ph_post.dialects.declaration import comment_pattern, read_facts, shifted_origins
 from ph_post.dialects.registry import find_dialect
 from ph_post.edit.further_edits import FurtherAxisPlan, plan_further
 from ph_post.edit.further_write import FurtherRequest, write_further
@@ -122,7 +123,8 @@ def shifted_job(
     plain = original_of(program) or program
     kept = SHIFTED.read(plain.data, plain.name)
     wanted = FurtherRequest.of(machine, request.digest(machine.dialect))
-    base, dialect = plain if kept is None else reread(plain, kept.original), find_dialect(machine.dialect)
+    base = in_own_lines(plain if kept is None else reread(plain, kept.original))
+    dialect = find_dialect(machine.dialect)
     same = kept is not None and _hashes(plain) == (package_version(), wanted.machine_digest, wanted.options_digest)
     if kept is not None and not same and not request.force:
         raise InputError(
@@ -141,10 +143,12 @@ def shifted_job(
     data = write_further(base, plans, dialect, wanted, drilled)
     if data == base.data:
         return found
-    after = reread(base, data)
+    origins = shifted_origins(data, base.data)
+    own = origins if origins is None or base.origins is None else base.origins[origins]
+    after = msgspec.structs.replace(reread(base, data), origins=own)
     verdict = verify_shifted(base, after, machine)
     if verdict.ok:
-        return msgspec.structs.replace(found, job=found.told(in_own_lines(after)), changed=True)
+        return msgspec.structs.replace(found, job=found.told(after), changed=True)
     names = ", ".join(plan.axis.name for plan in (*plans, *drilled.axes))
     why = f"the program does not pass its own check: {verdict.failures[0].sentence()}"
     return ShiftedJob(job=base, warnings=(*said, f"axes {names} not compensated: {why}"))

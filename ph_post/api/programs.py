@@ -14,6 +14,7 @@ from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.compensated_program import CompensatedProgram, ProgramRequest, cycle_time, head_notes, refusal
+from ph_post.api.expansion import in_own_lines
 from ph_post.api.guard import (
     FURTHER,
     LEAST,
@@ -33,7 +34,7 @@ from ph_post.compensate.friction import friction_of_machine
 from ph_post.compensate.plan_warnings import doubtful_values, round_up
 from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.dialects.base import Dialect
-from ph_post.dialects.declaration import CORRECTED, THREADS, Declaration, in_own_lines, line_origins, read_declaration
+from ph_post.dialects.declaration import CORRECTED, THREADS, Declaration, line_origins, read_declaration
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.affordable import SPARE
@@ -127,9 +128,9 @@ def compensate_program(
     original.source.let_go()
     require_words(original)
     require_tool(original, machine)
-    if original is not program and not request.force:
-        head = read_declaration(program.data)
-        if head is not None and head.corrected:
+    head = read_declaration(program.data)
+    if head is not None and not request.force:
+        if head.corrected:
             original, program = with_contours(original), with_contours(program)
         return CompensatedProgram(before=original, after=program, done=True)
     check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")

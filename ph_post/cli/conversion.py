@@ -307,8 +307,8 @@ def compensated_or_original(
     progress : callable
     """
     from ph_post.api.compensated_program import CompensatedProgram
+    from ph_post.api.expansion import in_own_lines
     from ph_post.api.inputs import program_in
-    from ph_post.dialects.declaration import in_own_lines
     from ph_post.drive.axes import check_axes
     from ph_post.edit.undo import original_of
     from ph_post.simulate.controllers.moves import moved_axes

@@ -16,7 +16,7 @@ from ph_post.expand.writing import SHIFTED
 from ph_post.gcode.language import RS274, Language
 from ph_post.gcode.lexer import split_lines
 from ph_post.gcode.numbers import PARENTHESES, Comments, comment_lines, decimal_text
-from ph_post.gcode.program import PartProgram
+from ph_post.gcode.program import PartProgram, PlaceArray
 from ph_post.types import BoolArray, IntArray
 from ph_post.units import INCH, MM, MS
 
@@ -67,7 +67,7 @@ def find_last(data: bytes, words: str) -> int:
 
 
 _WRITTEN: Final = re.compile(
-    rb"[(;] ?ph-post(?: [^\r\n]{1,40}(?:, strategy| compensated this program)|-axes: )", re.IGNORECASE
+    rb"[(;] ?ph-post(?: [^\r\n]{1,40}(?:, strategy| compensated this program)|-(?:axes|expand): )", re.IGNORECASE
 )
 """How what this package writes says so, within the first lines."""
 
@@ -213,50 +213,47 @@ def line_origins(program: PartProgram, original: PartProgram) -> LineOrigins | N
         return None
     if declaration is None or declaration.digest.lower() != original.digest:
         return None
-    return _origins(program, original.blocks, (_OWN_LINE, CHANGE_MARK))
+    return _origins(program.data, program.lines, original.blocks, (_OWN_LINE, CHANGE_MARK))
 
 
-def in_own_lines(program: PartProgram) -> PartProgram:
-    """Return a program that knows its lines before axes beside X, Y and Z, or holes, were shifted: those people know.
+def shifted_origins(data: bytes, original: bytes) -> IntArray | None:
+    """Return the line (n,) of its original that each line of a program stands for whose further axes, or holes, shift.
 
-    What was added stands for the line behind it. A program of which none were shifted is returned itself.
+    What was added stands for the line behind it. None where it has other lines than its marks tell of.
     """
-    kept = SHIFTED.read(program.data, program.name) if is_written_here(program.data) else None
-    if kept is None or program.origins is not None:
-        return program
-    lines = split_lines(np.frombuffer(kept.original, np.uint8)).size - 1
-    found = _origins(program, lines, (_SHIFTED_LINE, _SHIFTED_MARK))
-    return program if found is None else msgspec.structs.replace(program, origins=np.minimum(found.first, lines - 1))
+    lines, count = (split_lines(np.frombuffer(text, np.uint8)) for text in (data, original))
+    found = _origins(data, lines, count.size - 1, (_SHIFTED_LINE, _SHIFTED_MARK))
+    return None if found is None else np.minimum(found.first, count.size - 2)
 
 
 def _origins(
-    program: PartProgram, lines: int, patterns: tuple[re.Pattern[bytes], re.Pattern[bytes]]
+    data: bytes, lines: PlaceArray, count: int, patterns: tuple[re.Pattern[bytes], re.Pattern[bytes]]
 ) -> LineOrigins | None:
-    """Tell the lines of a program from those that comments and marks, by their patterns, say were added."""
+    """Tell the lines of a text from those that comments and marks, by their patterns, say were added to `count`."""
     own, mark = patterns
-    taken, replaced = np.ones(program.blocks, dtype=np.int64), np.zeros(program.blocks, dtype=np.int64)
-    changed = np.zeros(program.blocks, dtype=np.bool_)
+    taken, replaced = np.ones(lines.size - 1, dtype=np.int64), np.zeros(lines.size - 1, dtype=np.int64)
+    changed = np.zeros(lines.size - 1, dtype=np.bool_)
     for pattern in (own, _OWN_FURTHER):
-        for line, _ in _lines_with(pattern, program):
+        for line, _ in _lines_with(pattern, data, lines):
             if pattern is own or (line and not taken[line - 1]):
                 taken[line] = 0
-    for line, found in _lines_with(mark, program):
+    for line, found in _lines_with(mark, data, lines):
         added, old = map(int, mark_text(found))
         taken[line], taken[line + 1 : line + 1 + added] = old, 0
         replaced[line + 1 : line + 1 + added] = old
         changed[line : line + 1 + added] = True
     end = np.cumsum(taken)
-    if end[-1] != lines:
+    if end[-1] != count:
         return None
     return LineOrigins(end - np.maximum(taken, replaced), end, changed)
 
 
-def _lines_with(pattern: re.Pattern[bytes], program: PartProgram) -> list[tuple[int, re.Match[bytes]]]:
-    """Return where a pattern is found in a program, with the number of the line."""
-    found = list(pattern.finditer(program.data))
-    places = np.array([one.start() for one in found], dtype=program.lines.dtype)
-    lines = np.searchsorted(program.lines, places, side="right") - 1
-    return list(zip(lines.tolist(), found, strict=True))
+def _lines_with(pattern: re.Pattern[bytes], data: bytes, lines: PlaceArray) -> list[tuple[int, re.Match[bytes]]]:
+    """Return where a pattern is found in a text, with the number of the line."""
+    found = list(pattern.finditer(data))
+    places = np.array([one.start() for one in found], dtype=lines.dtype)
+    own = np.searchsorted(lines, places, side="right") - 1
+    return list(zip(own.tolist(), found, strict=True))
 
 
 def declaration_lines(declaration: Declaration, max_line: int, style: Comments = PARENTHESES) -> list[str]:

@@ -212,7 +212,7 @@ def read_again_as(dialect: str, program: PartProgram, *, strict: bool = False) -
     """Return a program read by the words of a dialect: itself, where it was read in that language before."""
     if program.language == _language_of(dialect, program.name) and not (strict and program.notes):
         return program
-    return read_as(dialect, program.data, program.name, strict=strict)
+    return replace(read_as(dialect, program.data, program.name, strict=strict), origins=program.origins)
 
 
 def _language_of(dialect: str, name: str) -> Language:

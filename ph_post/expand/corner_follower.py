@@ -11,6 +11,7 @@ import msgspec
 
 from ph_post.expand.corners import Corner, Element, Kind, corner_between
 from ph_post.expand.faults import NotExpandableError
+from ph_post.expand.progress import WrittenLines, origins_within
 
 
 class CornerMove(Protocol):
@@ -119,8 +120,16 @@ class CornerFollower(ABC, Generic[Move]):
         self._open = None
 
     def _stays(self, words: str, why: str, row: int) -> None:
-        self.notes.setdefault(f"{words} stays as it is: {why}", self._line_of(row) + 1)
+        self.notes.setdefault(f"{words} stays as it is: {why}", self._read_in(row)[0] + 1)
 
-    def _line_of(self, row: int) -> int:
-        """Return the line, from 0, of a row of what is written."""
-        return row
+    def _written(self) -> WrittenLines:
+        """Return what was written, and the line, from 0, of what was read that each line comes of."""
+        texts, origins = list[str](), list[int]()
+        for row, lines in enumerate(self._out):
+            texts += lines
+            origins += origins_within(*self._read_in(row), len(lines))
+        return WrittenLines(texts, origins)
+
+    def _read_in(self, row: int) -> tuple[int, int]:
+        """Return the first line, from 0, that was read for a row of what is written, and how many they were."""
+        return row, 1

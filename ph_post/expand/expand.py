@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
 
 import msgspec
+import numpy as np
 
 from ph_post.expand.fanuc import FanucRunner
 from ph_post.expand.faults import ExpandError
@@ -19,12 +20,14 @@ from ph_post.expand.klartext_corners import KlartextCorners
 from ph_post.expand.lines import Source
 from ph_post.expand.machine import Version
 from ph_post.expand.macro import FanucNumbers
+from ph_post.expand.progress import WrittenLines
 from ph_post.expand.run import ProgramRunner
 from ph_post.expand.sinumerik import SinumerikRunner
 from ph_post.expand.tools import ToolShape
 from ph_post.expand.turning import is_turned
 from ph_post.expand.writing import DECIMALS, EXPANDED, Spoken, Written, head_line
 from ph_post.gcode.numbers import COMMENT, SEMICOLON, Comments
+from ph_post.types import IntArray
 
 _NEEDED: Final = re.compile(
     rb"#|\[|^[ \t]*/?[ \t]*(?:N[ \t\d.]*)?O[ \t]*[<\d]|"
@@ -66,11 +69,16 @@ _R = TypeVar("_R", ProgramRunner, FanucRunner, SinumerikRunner, KlartextRunner)
 _FANUC_FILES: Final = ("", ".nc", ".NC", ".cnc", ".CNC", ".txt", ".TXT", ".tap", ".ngc")
 
 
-class Expansion(msgspec.Struct, frozen=True, kw_only=True):
-    """A program that was written out: its text, and what has to be known of it, a sentence each."""
+class Expansion(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A program that was written out: its text, and what has to be known of it, a sentence each.
+
+    `origins` (n,) are the lines of the program, from 0, that the lines of the text come of, and of what is added before
+    some, that of these; None where nothing is written out.
+    """
 
     data: bytes
     notes: tuple[str, ...] = ()
+    origins: IntArray | None = None
 
 
 class Folders:
@@ -203,31 +211,33 @@ def expand(
         inches=inches,
         version=version,
     )
-    return Expansion(data=_joined(data, found.lines, written), notes=found.notes)
+    text, origins = _joined(data, found.lines, found.origins, written)
+    return Expansion(data=text, notes=found.notes, origins=origins)
 
 
 class _Lines(NamedTuple):
-    """A program that was run: its lines, whether anything was written out, and what has to be known."""
+    """A program that was run: its lines and what each comes of, whether anything was written out, and notes."""
 
     lines: list[str]
+    origins: list[int]
     changed: bool
     notes: tuple[str, ...] = ()
 
 
 def _siemens(source: Source) -> _Lines:
     runner, lines = _run(lambda _: SinumerikRunner(source))
-    return _Lines(lines, runner.changed)
+    return _Lines(*lines, runner.changed)
 
 
 def _heidenhain(source: Source) -> _Lines:
     runner, lines = _run(lambda _: KlartextRunner(source))
-    return _Lines(lines, runner.changed, tuple(runner.notes))
+    return _Lines(*lines, runner.changed, tuple(runner.notes))
 
 
 def _fanuc(source: Source, folders: Folders, numbers: FanucNumbers) -> _Lines:
     find = partial(folders.find, endings=_FANUC_FILES)
     runner, lines = _run(lambda standing: FanucRunner(source, find, numbers, standing))
-    return _Lines(lines, runner.blocks.changed, tuple(runner.blocks.notes))
+    return _Lines(*lines, runner.blocks.changed, tuple(runner.blocks.notes))
 
 
 def _linuxcnc(
@@ -250,17 +260,18 @@ def _linuxcnc(
     if assumed and parameters is None:
         named = ", ".join(f"#{key}" for key in assumed[:8]) + (", …" if len(assumed) > 8 else "")
         notes = [f"taken to be 0, as nothing was put there before they were read: {named}", *notes]
-    return _Lines(lines, runner.blocks.changed, tuple(notes))
+    return _Lines(*lines, runner.blocks.changed, tuple(notes))
 
 
 def _with_corners(found: _Lines, corners: IsoCorners | KlartextCorners, name: str) -> _Lines:
     """Write the corners of a program out; those that stay are named."""
-    lines = corners.written()
-    notes = (f"{name}:{line}: {note}" for note, line in corners.notes.items())
-    return _Lines(lines, found.changed or lines != found.lines, (*found.notes, *notes))
+    lines, origins = corners.written()
+    notes = (f"{name}:{found.origins[line - 1] + 1}: {note}" for note, line in corners.notes.items())
+    changed = found.changed or lines != found.lines
+    return _Lines(lines, [found.origins[line] for line in origins], changed, (*found.notes, *notes))
 
 
-def _run(made: Callable[[Mapping[tuple[str, int], str]], _R]) -> tuple[_R, list[str]]:
+def _run(made: Callable[[Mapping[tuple[str, int], str]], _R]) -> tuple[_R, WrittenLines]:
     """Run a program: anew, with it left as it is, where a stretch (by file and line) cannot be written out."""
     standing: dict[tuple[str, int], str] = {}
     while True:
@@ -275,8 +286,8 @@ def _run(made: Callable[[Mapping[tuple[str, int], str]], _R]) -> tuple[_R, list[
             standing[begun] = f"{error.what} ({where})"
 
 
-def _joined(data: bytes, lines: list[str], written: Written) -> bytes:
-    """Put lines together, with the comments that keep the original."""
+def _joined(data: bytes, lines: list[str], origins: list[int], written: Written) -> tuple[bytes, IntArray]:
+    """Put lines together, with the comments that keep the original; return what each line comes of, too."""
     end = b"\r\n" if b"\r\n" in data else b"\n"
     at = 0
     while at < len(lines) and (not lines[at].strip() or _TOP.match(lines[at])):
@@ -292,7 +303,10 @@ def _joined(data: bytes, lines: list[str], written: Written) -> bytes:
 
     text = joined([*lines[:at], head, *lines[at:last]])
     digest = hashlib.sha256(text).hexdigest()
-    return EXPANDED.add(text, msgspec.structs.replace(written, digest=digest), end, style) + joined(lines[last:])
+    made = EXPANDED.add(text, msgspec.structs.replace(written, digest=digest), end, style)
+    comments, behind = made.count(b"\n") - last - 1, [*origins, *(origins[-1:] or [0])]
+    found = [*origins[:at], behind[at], *origins[at:last], *[behind[last]] * comments, *origins[last:]]
+    return made + joined(lines[last:]), np.array(found, dtype=np.int64)
 
 
 __all__ = ["ExpandError", "Expansion", "Folders", "expand"]

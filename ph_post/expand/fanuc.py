@@ -24,7 +24,7 @@ from ph_post.expand.macro import (
     read_macro_line,
     word_text,
 )
-from ph_post.expand.progress import Progress, check_turn
+from ph_post.expand.progress import Progress, WrittenLines, check_turn
 from ph_post.expand.run import Find
 from ph_post.expand.turning import has_increments_by_words, shapes_of
 from ph_post.expand.turning_blocks import TurningBlocks
@@ -100,7 +100,7 @@ class FanucRunner:
                 return index
         return len(source.texts)
 
-    def run(self) -> list[str]:
+    def run(self) -> WrittenLines:
         """Return the lines that the program comes to.
 
         Raises
@@ -108,15 +108,15 @@ class FanucRunner:
         ExpandError
             Where it cannot be written out, with its file and line.
         """
-        progress = Progress()
+        progress = Progress(self._main)
         while True:
             call = self.calls[-1]
             if call.at >= call.last:
                 if len(self.calls) > 1:
                     raise ExpandError("a subprogram without M99").at(call.source.name, call.last)
-                return self.blocks.lines + self._main.texts[call.last :]
+                return progress.written(self.blocks.lines, call.last)
             if progress.step(partial(self._step, call), call.source.name, call.at + 1, len(self.blocks.lines)):
-                return self.blocks.lines + self._main.texts[self.calls[0].at :]
+                return progress.written(self.blocks.lines, self.calls[0].at)
 
     def _step(self, call: MacroCall) -> bool:  # noqa: PLR0911
         line = self._line(call.source, call.at)

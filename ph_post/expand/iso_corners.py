@@ -19,6 +19,7 @@ from ph_post.expand.corner_follower import CornerFollower, OpenCorner
 from ph_post.expand.corners import Corner, Element, Kind, arc_by_radius
 from ph_post.expand.faults import NotExpandableError
 from ph_post.expand.macro import FanucNumbers, plain_value, word_text
+from ph_post.expand.progress import WrittenLines
 from ph_post.expand.writing import number_text
 
 _NUMBER: Final = r"([-+]?\s*(?:\d+\.?\d*|\.\d+))"
@@ -83,8 +84,8 @@ class IsoCorners(CornerFollower[IsoMove]):
         self._absolute: bool | None = True
         self._units = 210
 
-    def written(self) -> list[str]:
-        """Return the lines."""
+    def written(self) -> WrittenLines:
+        """Return the lines, and which of those that were read each comes of."""
         ended = False
         for line in self._lines:
             self._out.append([line])
@@ -93,7 +94,7 @@ class IsoCorners(CornerFollower[IsoMove]):
                 continue
             ended = self._follow(line, bare)
         self._close("no move behind it")
-        return [line for lines in self._out for line in lines]
+        return self._written()
 
     def _bare(self, line: str) -> str:
         pattern = r";.*" if self._fanuc is None else r"\([^)]*\)?|;.*"

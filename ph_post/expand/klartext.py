@@ -24,7 +24,7 @@ from ph_post.expand.klartext_lines import (
     value_of,
 )
 from ph_post.expand.lines import Source
-from ph_post.expand.progress import Progress, check_turn
+from ph_post.expand.progress import Progress, WrittenLines, check_turn
 
 _NESTED: Final = 19
 """Subprograms that may call each other (TNC 620; 8 of an iTNC 530)."""
@@ -78,9 +78,8 @@ class KlartextRunner:
         self.notes: list[str] = []
         self.changed = False
         self.lines: list[str] = []
-        self._name = source.name
+        self._source, self._name = source, source.name
         self._blocks = read_blocks(source.texts)
-        self._texts = source.texts
         self._labels: dict[str, int] = {}
         for index, block in enumerate(self._blocks):
             found = _LABEL.match(block.words)
@@ -100,7 +99,7 @@ class KlartextRunner:
         self._inch = any(re.match(r"BEGIN\s+PGM\b.*\bIN(?:CH\b|$)", block.words) for block in self._blocks[:3])
         self._rest: dict[str, float] = {}
 
-    def run(self) -> list[str]:
+    def run(self) -> WrittenLines:
         """Return the lines that the program comes to.
 
         Raises
@@ -108,13 +107,14 @@ class KlartextRunner:
         ExpandError
             Where it cannot be written out, with its file and line.
         """
-        progress = Progress()
+        progress = Progress(self._source)
         while self._at < len(self._blocks):
             block = self._blocks[self._at]
-            if progress.step(partial(self._step, self._at), self._name, block.first + 1, len(self.lines)):
+            place = self._name, block.first + 1, len(self.lines), len(block.lines)
+            if progress.step(partial(self._step, self._at), *place):
                 break
-        behind = self._blocks[self._at].first if self._at < len(self._blocks) else len(self._texts)
-        return self.lines + self._texts[behind:]
+        behind = self._blocks[self._at].first if self._at < len(self._blocks) else len(self._source.texts)
+        return progress.written(self.lines, behind)
 
     def _step(self, index: int) -> bool:
         block = self._blocks[index]

@@ -20,6 +20,7 @@ from ph_post.expand.corner_follower import CornerFollower, OpenCorner
 from ph_post.expand.corners import Corner, Element, arc_by_radius
 from ph_post.expand.faults import NotExpandableError
 from ph_post.expand.klartext_lines import KlartextBlock, read_blocks, tnc_number
+from ph_post.expand.progress import WrittenLines
 
 _NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
 _CORNER: Final = re.compile(rf"(RND|CHF)\s*R?\s*({_NUMBER})(?:\s*F\s*({_NUMBER}))?$")
@@ -119,11 +120,12 @@ class KlartextCorners(CornerFollower[KlartextMove]):
         self._polar: tuple[float, float] | None = None
         self._last: tuple[int, KlartextMove] | None = None
 
-    def _line_of(self, row: int) -> int:
-        return self._blocks[row].first
+    def _read_in(self, row: int) -> tuple[int, int]:
+        block = self._blocks[row]
+        return block.first, len(block.lines)
 
-    def written(self) -> list[str]:
-        """Return the lines."""
+    def written(self) -> WrittenLines:
+        """Return the lines, and which of those that were read each comes of."""
         for block in self._blocks:
             self._out.append(block.lines)
             if block.words.startswith("END PGM"):
@@ -133,7 +135,7 @@ class KlartextCorners(CornerFollower[KlartextMove]):
                 break
             if block.words:
                 self._follow(len(self._out) - 1, block)
-        return [line for lines in self._out for line in lines]
+        return self._written()
 
     def _follow(self, index: int, block: KlartextBlock) -> None:
         corner = _CORNER.match(block.words)

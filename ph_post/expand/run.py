@@ -16,7 +16,7 @@ from ph_post.expand.lines import PROGRAM, Flow, ProgramLine, Source
 from ph_post.expand.machine import MachineState, Version
 from ph_post.expand.named import NamedValues
 from ph_post.expand.offsets import WorkOffsets
-from ph_post.expand.progress import MOST_SILENT, Progress, check_turn
+from ph_post.expand.progress import MOST_SILENT, Progress, WrittenLines, check_turn
 from ph_post.expand.roughing import TURNING
 from ph_post.expand.states import SavedStates
 from ph_post.expand.tools import ToolShape
@@ -110,7 +110,7 @@ class ProgramRunner:
         """The program that runs."""
         return self.calls[-1]
 
-    def run(self) -> list[str]:
+    def run(self) -> WrittenLines:
         """Return the lines that the program comes to.
 
         Raises
@@ -118,16 +118,17 @@ class ProgramRunner:
         ExpandError
             Where it cannot be written out, with its file and line.
         """
-        progress = Progress()
+        progress = Progress(self._main)
         lines = self.blocks.lines
         while True:
             call = self.call
             if call.at >= len(call.source.texts):
                 if len(self.calls) > 1:
                     raise ExpandError("the file of a subprogram ends within it").at(call.source.name, call.at)
-                return lines
+                break
             if progress.step(partial(self._step, call), call.source.name, call.at + 1, len(lines)):
-                return lines
+                break
+        return progress.written(lines, len(self._main.texts))
 
     def _step(self, call: Call) -> bool:
         """Run the next line; True at the end of the program."""
@@ -233,7 +234,7 @@ class ProgramRunner:
         if not self.machine.absolute:
             self.machine.forget("xz")
         self._enter(Call(source=source, at=at + 1, label=label, start=at + 1), ParameterFrame())
-        progress = Progress()
+        progress = Progress(self._main)
         while len(self.calls) > depth:
             call = self.call
             if call.at >= len(call.source.texts) or len(self.blocks.lines) > MOST_SILENT:

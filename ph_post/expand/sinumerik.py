@@ -18,7 +18,7 @@ from ph_post.expand.expressions import Functions, Levels, Parser
 from ph_post.expand.faults import ExpandError, NotExpandableError
 from ph_post.expand.lines import Source
 from ph_post.expand.macro import MacroParser
-from ph_post.expand.progress import Progress, check_turn
+from ph_post.expand.progress import Progress, WrittenLines, check_turn
 from ph_post.expand.values import UNKNOWN, NumberStore
 from ph_post.expand.writing import DECIMALS, number_text
 
@@ -263,7 +263,7 @@ class SinumerikRunner:
             raise ExpandError(f"{order} without its end").at(self._source.name, opened[-1] + 1)
         return pairs
 
-    def run(self) -> list[str]:
+    def run(self) -> WrittenLines:
         """Return the lines that the program comes to.
 
         Raises
@@ -271,11 +271,11 @@ class SinumerikRunner:
         ExpandError
             Where it cannot be written out, with its file and line.
         """
-        progress = Progress()
+        progress = Progress(self._source)
         while self._at < self._last:
             if progress.step(partial(self._step, self._at), self._source.name, self._at + 1, len(self.lines)):
                 break
-        return self.lines + self._source.texts[self._at :]
+        return progress.written(self.lines, self._at)
 
     def _step(self, index: int) -> bool:
         line = self._read[index]

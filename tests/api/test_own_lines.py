@@ -1,4 +1,4 @@
-"""Lines that are named of programs with further axes, or holes: those of the person's own file, counted by hand."""
+"""Lines that are named of programs that were written out, or have further axes or holes: those of the person's file."""
 
 import json
 import re
@@ -9,6 +9,7 @@ import ph_post as ph
 from ph_post.api.options import CompensateOptions
 from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.cli.main import main
+from ph_post.dialects.declaration import is_written_here
 from ph_post.drive.machinefile import machine_of
 from ph_post.files.storage import SourceText
 from ph_post.progress import no_progress
@@ -135,3 +136,91 @@ def test_a_check_names_lines_of_the_original(tmp_path):
     made.write_text(text.replace("G1 Y7.975 F379.4\nF600\n", "G1 Y7.975 F379.4\nF900\n"))
     verdict = ph.verify(file, made, machine("linuxcnc"))
     assert {one.kind: one.original for one in verdict.failures} == {"state": 7, "feed": 8}
+
+
+COMPUTED = {
+    "linuxcnc": (
+        "ngc",
+        "G21 G90 G17 G61 F600\no100 sub\nG1 X[#1*2] Y#1\nG1 X0\nY0\no100 endsub\nG0 X0 Y0\n"
+        "o1 repeat [4]\no100 call [10]\no1 endrepeat\nG1 X30\nX5\nM450\nG1 X40 Y0\nG1 X0\nM2\n",
+        "M450",
+        {("X", 3), ("Y", 4), ("X", 5), ("Y", 5), ("X", 11)},
+    ),
+    "fanuc": (
+        "nc",
+        "%\nO1000\nG21 G90 G17\nG0 X0. Y0.\nM98 P2 L4\nG1 X30. F600.\nX5.\nM98 P77\nG1 X40. Y0.\nG1 X0.\nM30\n"
+        "O2\nG1 X20. Y10. F600.\nX0.\nY0.\nM99\n%\n",
+        "M98 P77",
+        {("X", 13), ("Y", 14), ("X", 15), ("Y", 15), ("X", 6)},
+    ),
+    "siemens": (
+        "mpf",
+        "G71 G90 G17 F600\nR1=0\nA1:\nG1 X=20+R1 Y10\nX0\nY0\nR1=R1+1\nIF R1<4 GOTOB A1\nG1 X30\nX5\n"
+        "MYCALL(3)\nG1 X40 Y0\nG1 X0\nM30\n",
+        "MYCALL(3)",
+        {("X", 4), ("Y", 5), ("X", 6), ("Y", 6), ("X", 9)},
+    ),
+    "heidenhain": (
+        "h",
+        "0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S1000\n2 L X+0 Y+0 R0 FMAX\n3 LBL 1\n4 L X+20 Y+10 F600\n5 L X+0\n"
+        "6 L Y+0\n7 CALL LBL 1 REP3\n8 L X+30\n9 L X+5\n10 CALL PGM B\n11 L X+40 Y+0 F600\n12 L X+0\n13 M30\n"
+        "14 END PGM A MM\n",
+        "CALL PGM B",
+        {("X", 5), ("Y", 6), ("X", 7), ("Y", 7), ("X", 9)},
+    ),
+}
+"""Programs with a part that runs four times, a line that stays, and the lines behind which axes go back."""
+
+
+@pytest.fixture(params=COMPUTED)
+def computed(request, tmp_path):
+    ending, text, left, turns = COMPUTED[request.param]
+    file = tmp_path / f"part.{ending}"
+    file.write_text(text)
+    return request.param, file, left, turns
+
+
+def line_with(text, words):
+    return next(n for n, own in enumerate(text.splitlines(), 1) if words in own)
+
+
+def test_warnings_of_a_program_that_was_written_out_name_lines_of_the_file_that_was_given(computed):
+    dialect, file, left, turns = computed
+    line = line_with(file.read_text(), left)
+    result = ph.compensate(file, machine(dialect), expand=True)
+    assert result.expanded
+    assert named(next(word for word in result.warnings if "passed through" in word), file.name) == [line]
+    assert named(result.not_compensated, file.name) == [line]
+    assert {(one.point.axis, one.line) for one in result.places} == turns
+    again = file.with_name(f"again{file.suffix}")
+    again.write_bytes(result.program())
+    found = ph.compensate(again, machine(dialect), expand=True)
+    assert found.already_compensated
+    assert found.not_compensated == result.not_compensated
+    assert {(one.point.axis, one.line) for one in found.places} == turns
+
+
+def test_a_check_of_a_program_that_was_written_out_names_lines_of_the_original(computed):
+    dialect, file, _, _ = computed
+    made, text = file.with_name(f"made{file.suffix}"), file.read_text()
+    written = ph.compensate(file, machine(dialect), expand=True).program().decode()
+    # The feed that is in force again behind the crossing where the line to X30 ends.
+    before, behind = written.split("4.975", 1)
+    made.write_text("F900".join(before.rsplit("F600", 1)) + "4.975" + behind)
+    verdict = ph.verify(file, made, machine(dialect))
+    states = {one.kind: one.original for one in verdict.failures}
+    assert states == {"state": line_with(text, "30"), "feed": line_with(text, "30") + 1}
+
+
+def test_what_was_only_written_out_is_compensated_with_lines_of_the_file_from_before(computed):
+    dialect, file, left, turns = computed
+    made = file.with_name(f"made{file.suffix}")
+    result = ph.compensate(file, machine(dialect), expand=True, strategy="none")
+    assert not any(row.compensated for row in result.axis_reversals)
+    assert is_written_here(result.program())
+    made.write_bytes(result.program())
+    found = ph.compensate(made, machine(dialect))
+    assert not found.already_compensated
+    assert all(row.compensated == row.all > 0 for row in found.axis_reversals if row.axis in "XY")
+    assert {(one.point.axis, one.line) for one in found.places} == turns
+    assert named(found.not_compensated, made.name) == [line_with(file.read_text(), left)]
