@@ -48,6 +48,7 @@ from ph_post.gcode.program import (
     LINE,
     NURBS,
     RAPID,
+    Motions,
     PartProgram,
     PlaceArray,
     chain_heads,
@@ -144,6 +145,8 @@ class CrossingGround:
         options: EditOptions,
         named: BoolArray,
     ) -> None:
+        self.program, self.machine, self._dialect, self.sides = program, machine, dialect, sides
+        self.planner = planner_of(machine)
         self.part_side, self.plain_corners = options.part_side, options.plain_corners
         self.longer = options.longer
         self._standing = np.array(sorted(options.standing), dtype=np.int64)
@@ -154,37 +157,16 @@ class CrossingGround:
         }
         stream = dialect.abilities.stream
         self.least = max(PERIODS * machine.servo_period, LINE_SIZE / stream.rate if stream is not None else 0.0)
-        self.program, self.machine, self._dialect, self.sides = program, machine, dialect, sides
-        self.planner = planner_of(machine)
         # Where the path is exact no path mode counts.
         self.halts = (program.motions.exact == 1) & (not isinstance(self.planner, ExactPath))
         path_mode = dialect.syntax.path_mode if self.halts.any() else None
         self.rounding = 0.0 if path_mode is None else tolerance_of(path_mode(min(options.tolerance, ROUNDING)), MM)
         self.along = places_along(program.motions)
-        timed = program.motions.duration > 0.0
-        self.feed = feed
-        if timed.any():
-            self.feed = np.where(timed, np.diff(self.along) / np.where(timed, program.motions.duration, 1.0), feed)
-            # What is asked for beyond that no machine does: a crossing would be planned as if it did.
-            self.feed = np.minimum(self.feed, fastest_along(program, machine))
-        if not isinstance(self.planner, ExactPath):
-            self.feed = np.minimum(self.feed, fastest_in_arcs(program, machine))
         self._kept = self._speeds_kept()
-        if self._kept.strides != (0,):
-            self.feed = np.minimum(self.feed, self._kept)
+        self.feed = self._feeds(feed)
         self.view = motion_view(program.motions)
         self.shiftable = named
-        kind = program.motions.kind
-        self.moving: list[PlaceArray] = []
-        self.still = kind == LINE
-        arcs = np.flatnonzero(kind == ARC)
-        turning = plane_columns(program.motions.plane[arcs])[:, :2]
-        for axis in range(len(AXES)):
-            start, end = program.motions.start[:, axis], program.motions.end[:, axis]
-            moves = np.nan_to_num(end - start, copy=False) != 0.0
-            moves[arcs[(turning == axis).any(axis=1)]] = True
-            self.moving.append(np.flatnonzero(moves).astype(np.int32))
-            self.still &= (start == end) | (np.isnan(start) & np.isnan(end))
+        self.moving, self.still = _movers(program.motions)
         self.low = low
         self.beam = BeamGuard(program, machine)
         self.contours = CutterContours(program)
@@ -223,6 +205,18 @@ class CrossingGround:
         if not isinstance(self.planner, ExactPath):
             found[arc] *= math.sqrt(1.0 - ACROSS**2)
         return np.asarray(found)
+
+    def _feeds(self, feed: Array) -> Array:
+        """Return the speeds of all motions (m,) [m/s] that the machine comes to, of those that are asked for."""
+        motions = self.program.motions
+        timed = motions.duration > 0.0
+        if timed.any():
+            feed = np.where(timed, np.diff(self.along) / np.where(timed, motions.duration, 1.0), feed)
+            # What is asked for beyond that no machine does: a crossing would be planned as if it did.
+            feed = np.minimum(feed, fastest_along(self.program, self.machine))
+        if not isinstance(self.planner, ExactPath):
+            feed = np.minimum(feed, fastest_in_arcs(self.program, self.machine))
+        return np.minimum(feed, self._kept) if self._kept.strides != (0,) else feed
 
     def _speeds_kept(self) -> Array:
         """Speeds of arcs not to be passed faster in parts [m/s], (m,): motors that lag would leave the path."""
@@ -379,6 +373,20 @@ class CrossingGround:
         """Acceleration [m/s²] that an axis takes across the path in a crossing in steps; infinite elsewhere."""
         stepped = name in self.shapes and self.shapes[name].steps > 1 and self.shapes[name].arcs is None
         return TURNING * self.machine.axes[name].limits.acceleration if stepped else math.inf
+
+
+def _movers(motions: Motions) -> tuple[list[PlaceArray], BoolArray]:
+    """Return the motions that move each axis, and a mask (m,) of the straight ones that move none."""
+    moving, still = list[PlaceArray](), motions.kind == LINE
+    arcs = np.flatnonzero(motions.kind == ARC)
+    turning = plane_columns(motions.plane[arcs])[:, :2]
+    for axis in range(len(AXES)):
+        start, end = motions.start[:, axis], motions.end[:, axis]
+        moves = np.nan_to_num(end - start, copy=False) != 0.0
+        moves[arcs[(turning == axis).any(axis=1)]] = True
+        moving.append(np.flatnonzero(moves).astype(np.int32))
+        still &= (start == end) | (np.isnan(start) & np.isnan(end))
+    return moving, still
 
 
 def _stretches(region: PlaceArray) -> tuple[IntArray, PlaceArray]:
