@@ -282,8 +282,36 @@ def _lose(axis: int, anchor: Any, position: Any) -> None:
         position[axis] = 0.0
 
 
+@lean
+def _lose_ahead(flags: int, anchor: Any, position: Any) -> None:
+    """Forget the places that a block forgets before what else it does."""
+    for axis in range(3):
+        if flags & FORGET_FIRST or (axis == 2 and flags & FORGET_LENGTH):
+            _lose(axis, anchor, position)
+
+
+@lean
+def _displace(task: int, values: Any, modes: Any, anchor: Any, position: Any) -> None:
+    """Forget the places that a block forgets, or rename them as it says."""
+    if task in (FORGET, FORGET_NAMED):
+        for axis in range(3):
+            if task == FORGET or not np.isnan(values[LETTER_X + axis]):
+                _lose(axis, anchor, position)
+    elif task == PRESET:
+        _named(values, modes, position)
+
+
+@lean
+def _lose_curve(task: int, values: Any, modes: Any, position: Any) -> Any:
+    """Forget the places behind a curve from an unknown one but those that it names; return why it is not understood."""
+    position[:] = np.nan
+    if modes[ABSOLUTE] == 1.0 and task != NURBS_END:
+        _named(values, modes, position)
+    return ARC_FROM_NOWHERE if task <= ARC_CCW else SPLINE_FROM_NOWHERE
+
+
 @compiled
-def trace_motions(  # noqa: C901, PLR0912, PLR0915
+def trace_motions(  # noqa: C901, PLR0912
     words: Any, modal: Any, end: int, anchors: Any, columns: Any, curves: Any, shared: bool
 ) -> Any:
     """Follow the position through all blocks before `end`, write down the motions and return their number.
@@ -310,20 +338,13 @@ def trace_motions(  # noqa: C901, PLR0912, PLR0915
         first, low = low, high
         if tasks[block] == 0:
             continue
-        for axis in range(3):
-            if tasks[block] & FORGET_FIRST or (axis == 2 and tasks[block] & FORGET_LENGTH):
-                _lose(axis, anchors[block + 1], position)
+        _lose_ahead(tasks[block], anchors[block + 1], position)
         task, modes = tasks[block] & (FORGET_FIRST - 1), table[states[block]]
         if task == 0:
             continue
         _spread_values(letter, value, first, high, values)
-        if task in (FORGET, FORGET_NAMED):
-            for axis in range(3):
-                if task == FORGET or not np.isnan(values[LETTER_X + axis]):
-                    _lose(axis, anchors[block + 1], position)
-        elif task == PRESET:
-            _named(values, modes, position)
         if FORGET <= task < AIMED:
+            _displace(task, values, modes, anchors[block + 1], position)
             drawing = False
             continue
         _aim(values, modes, position, target)
@@ -339,10 +360,7 @@ def trace_motions(  # noqa: C901, PLR0912, PLR0915
             _copy(pen, target)
         drawing = False
         if task > LINE and not _known(task, modes, position, target):
-            whys[block] = ARC_FROM_NOWHERE if task <= ARC_CCW else SPLINE_FROM_NOWHERE
-            position[:] = np.nan
-            if modes[ABSOLUTE] == 1.0 and task != NURBS_END:
-                _named(values, modes, position)
+            whys[block] = _lose_curve(task, values, modes, position)
             continue
         write_at = (row, block, task)
         while run + 1 < begins.size and begins[run + 1] <= block:
