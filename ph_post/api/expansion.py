@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -26,6 +27,9 @@ from ph_post.units import MM
 
 WRITTEN_AS_LINUXCNC: Final = ("linuxcnc", "grbl", "grblhal")
 """Dialects whose programs are written out as LinuxCNC would run them."""
+
+_OTHERS: Final[Mapping[str, Spoken]] = {"siemens": "siemens", "heidenhain": "heidenhain"}
+"""Languages of other dialects, but of Fanuc's."""
 
 
 def expanded_job(
@@ -58,38 +62,21 @@ def expanded_job(
     from ph_post.expand.expand import ExpandError, Folders, expand  # 20 modules, of no use to most programs
 
     parameters, tools = controller_files(options)
-    base = dialect.split("+", maxsplit=1)[0]
-    if base not in (*WRITTEN_AS_LINUXCNC, "fanuc", "siemens", "heidenhain"):
+    if dialect.partition("+")[0] not in (*WRITTEN_AS_LINUXCNC, "fanuc", *_OTHERS):
         return job, (f"{job.name}: not written out: programs of {dialect} are taken as they are",)
     lines_of(job.data, job.name)
     folders = Folders(_folders(job.name, options.subprograms))
+    version = options.controller_version
     try:
-        language: Spoken = "linuxcnc"
-        if base == "fanuc":
-            language = FanucNumbers(
-                decimals=4 if "isc" in dialect else 3,
-                calculator="calculator" in dialect,
-                doubtful=is_doubtful(job.data, masked(job.data)),
-                clearance=None if options.peck_clearance is None else options.peck_clearance / MM,
-                lathe="lathe" in dialect,
-            )
-        elif base == "siemens":
-            language = "siemens"
-        elif base == "heidenhain":
-            language = "heidenhain"
-        inches = options.controller_units == "inch"
-        version = None
-        if options.controller_version is not None:
-            version = tuple(int(part) for part in options.controller_version.split("."))
         found = expand(
             job.data,
             job.name,
             folders,
-            language=language,
+            language=_spoken(job.data, dialect, options),
             parameters=parameters,
             tools=tools,
-            inches=inches,
-            version=version,
+            inches=options.controller_units == "inch",
+            version=None if version is None else tuple(int(part) for part in version.split(".")),
         )
     except ExpandError as error:
         where = f"{error.file or job.name}:{max(error.line, 1)}"
@@ -101,6 +88,20 @@ def expanded_job(
         return job, found.notes
     made = read_as(dialect, found.data, job.name, strict=options.strict)
     return msgspec.structs.replace(made, origins=found.origins), found.notes
+
+
+def _spoken(data: bytes, dialect: str, options: CompensateOptions) -> Spoken:
+    """Return the language from which a program of a dialect is written out."""
+    base = dialect.partition("+")[0]
+    if base != "fanuc":
+        return _OTHERS.get(base, "linuxcnc")
+    return FanucNumbers(
+        decimals=4 if "isc" in dialect else 3,
+        calculator="calculator" in dialect,
+        doubtful=is_doubtful(data, masked(data)),
+        clearance=None if options.peck_clearance is None else options.peck_clearance / MM,
+        lathe="lathe" in dialect,
+    )
 
 
 def _folders(name: str, asked: tuple[str, ...]) -> tuple[Path, ...]:

@@ -10,12 +10,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate import plan_warnings
+from ph_post.compensate.error_sizes import Sizes, sizes_of
 from ph_post.compensate.friction import friction_of_machine, little_friction
 from ph_post.compensate.layout import without_axes
 from ph_post.compensate.motion import cycle_time, without_strategy
 from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.plan_warnings import run_on_warnings
-from ph_post.compensate.sizes import Sizes, sizes_of
 from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
 from ph_post.compensate.violations import check_command
 from ph_post.simulate.assess import for_each_scenario, is_nominal, scenarios

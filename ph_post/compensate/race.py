@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 from ph_post.compensate import plan_warnings
 from ph_post.compensate.choose import SPARE, smooth_offsets
+from ph_post.compensate.error_sizes import Sizes
 from ph_post.compensate.feed_planner import PASSING
 from ph_post.compensate.lead import lead_window
 from ph_post.compensate.motion import without_strategy
@@ -30,7 +31,6 @@ from ph_post.compensate.prove import (
     takes_too_long,
     without_design,
 )
-from ph_post.compensate.sizes import Sizes
 from ph_post.compensate.slower import Passages, spent
 from ph_post.compensate.standstill import added_standing
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult, require_loop, traits_of

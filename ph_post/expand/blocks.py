@@ -7,8 +7,8 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from ph_post.expand.compensated import CompensatedBlocks
 from ph_post.expand.cutter import center_by_radius
+from ph_post.expand.cutter_blocks import CutterBlocks
 from ph_post.expand.cycles import CYCLES, MOVING, CycleMemory, CycleWriter
 from ph_post.expand.faults import ExpandError, NotExpandableError
 from ph_post.expand.lines import LineWord, ProgramLine
@@ -68,7 +68,7 @@ class BlockRunner:
         self.lines: list[str] = []
         self.at = ("", 0)
         self.aside: list[ProfileBlock] | None = None
-        self.cutter = CompensatedBlocks(machine, self.lines, decimals, tools, standing)
+        self.cutter = CutterBlocks(machine, self.lines, decimals, tools, standing)
         self.memory = CycleMemory()
         self.notes: dict[str, None] = {}
         self.changed = False

@@ -14,11 +14,11 @@ from ph_post.expand.blocks import BlockRunner
 from ph_post.expand.faults import MOST_CALLS, ExpandError, NotExpandableError
 from ph_post.expand.lines import PROGRAM, Flow, ProgramLine, Source
 from ph_post.expand.machine import MachineState, Version
-from ph_post.expand.named import NamedValues
+from ph_post.expand.named_parameters import NamedValues
 from ph_post.expand.offsets import WorkOffsets
 from ph_post.expand.progress import MOST_SILENT, Progress, WrittenLines, check_turn
 from ph_post.expand.roughing import TURNING
-from ph_post.expand.states import SavedStates
+from ph_post.expand.saved_states import SavedStates
 from ph_post.expand.tools import ToolShape
 from ph_post.expand.turning_cycles import ProfileBlock
 from ph_post.expand.values import LOCAL, ParameterFrame, Store

@@ -12,11 +12,11 @@ from support.motions import look, worst_use
 from support.random_jobs import random_job
 
 from ph_post.analysis.path_analysis import Analysis
+from ph_post.compensate.error_sizes import Sizes, sizes_of
 from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import Planner, make_plan
 from ph_post.compensate.prove import GIVEN_UP, Checker
-from ph_post.compensate.sizes import Sizes, sizes_of
 from ph_post.compensate.strategies.base import StrategyResult
 from ph_post.drive.machinefile import read_machine
 from ph_post.errors import TooLargeError

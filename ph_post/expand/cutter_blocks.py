@@ -26,7 +26,7 @@ _SHIFTS: Final = {"x": ((2, 6, 1), (3, 8, 4)), "z": ((2, 7, 3), (1, 5, 4))}
 """Orientations of lathe tools whose origin lies a radius below and above the centre, by axis."""
 
 
-class CompensatedBlocks:
+class CutterBlocks:
     """Follows G41, G42 and G40.
 
     `begun` is the place (file and line) of the G41 or G42 in force; those at the places in `standing` stay as they are,
