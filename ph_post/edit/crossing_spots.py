@@ -251,33 +251,42 @@ class SpotSearch:
         joint = (rows[:, SHARE] == 1.0) & (ground.region[behind] == ground.region[motion])
         return np.asarray(np.where(joint, np.minimum(ground.feed[motion], ground.feed[behind]), ground.feed[motion]))
 
+    def _times(self, spots: Spots) -> tuple[Array, Array, Array]:
+        """Return for which tables wait, by which commands that go beyond are late, and in which offsets change [s]."""
+        ground, none = self._ground, CrossingShape(first=0.0, wait=0.0)
+        shapes = [ground.shapes.get(name, none) for name in AXES]
+        wait = np.array([one.wait for one in shapes])[spots.column]
+        crossing = np.array([one.first for one in shapes])[spots.column]
+        late = np.where(np.array([one.beyond for one in shapes])[spots.column] > 0.0, ground.lag[spots.column], 0.0)
+        # No block is shorter than a machine can tell.
+        return np.maximum(wait, shortest_block(spots.feed) / np.maximum(spots.feed, 1e-12)), late, crossing
+
+    def _crossable(self, spots: Spots, motion: IntArray, behind: IntArray) -> BoolArray:
+        """Mask of the changes (n,) at which an axis turns back on the way, and the path neither stops nor has to."""
+        ground, rows = self._ground, spots.rows
+        ends = (rows[:, SHARE] == 1.0) & ((ground.region[behind] != ground.region[motion]) | (behind == motion))
+        stops = (ground.region[motion] < 0) | ends | (ground.halts[motion] & (ground.rounding == 0.0))
+        inner = (rows[:, SIGN] != 0.0) & (rows[:, CARRIED] == 0.0) & ~spots.first & (spots.feed > 0.0)
+        return np.asarray(inner & (~stops | (spots.spread > 0.0)) & ~ground.stands(rows))
+
     def _with_windows(self, spots: Spots, motion: IntArray, coarser: float) -> Spots:
         ground = self._ground
         motions, rows = ground.program.motions, spots.rows
         if not motion.size:
             return spots
-        none = CrossingShape(first=0.0, wait=0.0)
-        shapes = [ground.shapes.get(name, none) for name in AXES]
-        wait = np.array([one.wait for one in shapes])[spots.column]
-        crossing = np.array([one.first for one in shapes])[spots.column]
-        lag = ground.lag[spots.column]
-        late = np.where(np.array([one.beyond for one in shapes])[spots.column] > 0.0, lag, 0.0)
-        # No block is shorter than a machine can tell.
-        shortest = shortest_block(spots.feed)
-        wait = np.maximum(wait, shortest / np.maximum(spots.feed, 1e-12))
-        behind = np.minimum(motion + 1, motions.kind.size - 1)
-        ends = (rows[:, SHARE] == 1.0) & ((ground.region[behind] != ground.region[motion]) | (behind == motion))
-        stops = (ground.region[motion] < 0) | ends | (ground.halts[motion] & (ground.rounding == 0.0))
+        wait, late, crossing = self._times(spots)
+        lag, behind = ground.lag[spots.column], np.minimum(motion + 1, motions.kind.size - 1)
+        inner = self._crossable(spots, motion, behind)
         corner = (rows[:, SHARE] == 1.0) & (rows[:, PASSED] < KINK * spots.feed)
-        inner = (rows[:, SIGN] != 0.0) & (rows[:, CARRIED] == 0.0) & ~spots.first & (spots.feed > 0.0)
-        inner &= (~stops | (spots.spread > 0.0)) & ~ground.stands(rows)
         room = np.minimum(spots.rest[:, 1], spots.bound[:, 1]) - np.maximum(spots.rest[:, 0], spots.bound[:, 0])
         blend = self._blends(spots, motion)
-        calm = inner & (room >= spots.feed * (wait + SETTLING * lag) + 2.0 * blend) & (room > 2.0 * shortest)
+        calm = inner & (room >= spots.feed * (wait + SETTLING * lag) + 2.0 * blend)
+        calm &= room > 2.0 * shortest_block(spots.feed)
         corrected = (ground.contours.number[motion] >= 0) | (ground.contours.number[behind] >= 0)
         calm &= ~corrected | (spots.spread > 0.0)
         calm, spots = self._between_corners(spots, wait, inner & ~calm & ~corrected & (lag < SHORT_LAG), calm)
-        finest = np.where(np.array([one.steps > 1 for one in shapes])[spots.column], STEPS_ERROR, ERROR)
+        stepped = [name in ground.shapes and ground.shapes[name].steps > 1 for name in AXES]
+        finest = np.where(np.array(stepped)[spots.column], STEPS_ERROR, ERROR)
         error, most = self._allowed(spots, coarser, finest)
         # Where there is time a stop leaves no error at all.
         may_wait = coarser > 1.0 and not ground.plain_corners
