@@ -57,7 +57,7 @@ def read_log_file(
     raw = source if isinstance(source, SourceBytes) else read_raw(source)
     ending = stored_ending(raw)
     sheet = stored_sheet(raw, ending) if ending else text_sheet(decoded(raw, foreign=True))
-    mappings, taken = spread(columns, sheet)
+    mappings, taken, loops = spread(columns, sheet)
     found, ignored = columns_of(sheet, parse_columns(mappings))
     names = _axes_of(found, sheet)
     require_axes(names, machine, sheet.header)
@@ -67,7 +67,10 @@ def read_log_file(
     _require_samples(sheet, min(one.size for one in values.values()))
     timed = _timed(found, values, sheet, machine)
     samples = _Samples(sheet, clock_of(timed.t, sheet))
-    side_of = _sides(sheet, names, found, {} if sides is None else sides)
+    asked = {} if sides is None else sides
+    own = [name[0] for name in loops if not (name[0] in asked or f"{name}.side" in sheet.remarks)]
+    at_motor, unsaid = _loop_sides(own, found, machine)
+    side_of = _sides(sheet, names, found, {**dict.fromkeys(at_motor, "motor"), **asked})
     axes, doubled = {}, []
     for name in names:
         axes[name], words = _axis(name, values, samples, side_of[name])
@@ -81,7 +84,15 @@ def read_log_file(
         jitter=samples.clock.jitter,
         missing=samples.missing,
         remarks=sheet.remarks,
-        warnings=(*sheet.warnings, *taken, *ignored, *timed.warnings, *doubled, *samples.words()),
+        warnings=(
+            *sheet.warnings,
+            *taken,
+            *_words_of_sides(at_motor, unsaid),
+            *ignored,
+            *timed.warnings,
+            *doubled,
+            *samples.words(),
+        ),
     )
     return LogFile(log=log, sheet=sheet, samples=samples)
 
@@ -268,6 +279,34 @@ def _sides(sheet: Sheet, names: Sequence[str], found: Mapping[str, Column], aske
             raise InputError(sheet.header, what, expected="one of them")
         sides[axis] = side
     return sides
+
+
+def _loop_sides(
+    sides: Sequence[str], found: Mapping[str, Column], machine: Machine | None
+) -> tuple[list[str], list[str]]:
+    """Return the axes whose loops read the motor, and those of which nobody says what theirs reads.
+
+    A reading of the motor that is taken for one of the table shows no backlash, however much there is.
+    """
+    loops = {axis: machine.axes[axis].loop for axis in sides if machine is not None and axis in machine.axes}
+    at_motor = [axis for axis, loop in loops.items() if not loop.encloses_backlash and f"{axis}_motor" not in found]
+    return at_motor, [axis for axis in sides if axis not in loops]
+
+
+def _words_of_sides(at_motor: Sequence[str], unsaid: Sequence[str]) -> list[str]:
+    said = []
+    if at_motor:
+        said.append(
+            f"{', '.join(f'{axis}_act' for axis in at_motor)}: read at the motor, as the machine file says that no"
+            f" scale is on the table; --side {at_motor[0]}=table or {at_motor[0]}=unknown says otherwise"
+        )
+    if unsaid:
+        names = ", ".join(f"{axis}_act" for axis in unsaid)
+        said.append(
+            f"{names}: nobody says whether read at the table or at the motor, taken as at the table; --side"
+            f" {unsaid[0]}=motor or {unsaid[0]}=unknown says otherwise"
+        )
+    return said
 
 
 def _axis(name: str, values: Mapping[str, Array], samples: _Samples, side: str) -> tuple[AxisLog, list[str]]:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -34,7 +34,8 @@ class Recorder(msgspec.Struct, frozen=True, kw_only=True):
     """A recorder: `time` is the pattern of its time, and that unit; `kinds` are those of the other columns.
 
     A pattern may have the groups `axis` and `number`. `unit` is that of lengths without one in brackets; `per_turn`
-    says that these are turns, which need the travel of one.
+    says that these are turns, which need the travel of one. `reads_loop` says that its `act` is what the loop itself
+    reads, at the table or at the motor.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Recorder(msgspec.Struct, frozen=True, kw_only=True):
     time_unit: str
     kinds: tuple[tuple[str, str], ...]
     per_turn: bool = False
+    reads_loop: bool = False
 
 
 _LETTER: Final = r"(?:^|[^a-z])(?P<axis>[xyzuvw])[0-9]?(?=[^a-z]|$)"
@@ -58,6 +60,7 @@ RECORDERS: Final = {
             name="linuxcnc",
             time=r"t|time",
             time_unit="s",
+            reads_loop=True,
             kinds=(
                 ("cmd", _JOINT + r"(?:motor-pos-cmd|pos-cmd|command)"),
                 ("act", _JOINT + r"(?:motor-pos-fb|pos-fb|feedback)"),
@@ -78,6 +81,7 @@ RECORDERS: Final = {
             name="twincat",
             time=r"time|t",
             time_unit="ms",
+            reads_loop=True,
             kinds=(
                 ("cmd", r".*?" + _NC + r".*\bf?(?:set|cmd)_?pos(?:ition)?"),
                 ("act", r".*?" + _NC + r".*\bf?act_?pos(?:ition)?"),
@@ -108,7 +112,18 @@ _UNITS: Final = {"mm": "mm", "m": "m", "um": "um", "µm": "um", "inch": "inch", 
 _UNITS_OTHER: Final = {"us": "us", "µs": "us", "a": "A", "ma": "mA", "n": "N"}
 
 
-def spread(mappings: Sequence[str], sheet: Sheet) -> tuple[list[str], tuple[str, ...]]:
+class Spread(NamedTuple):
+    """Mappings with those of a recorder, those given first; `words` say what was taken for what.
+
+    `loops` are the readings that the axes' own loops take, on a side that the recorder does not name.
+    """
+
+    mappings: list[str]
+    words: tuple[str, ...] = ()
+    loops: tuple[str, ...] = ()
+
+
+def spread(mappings: Sequence[str], sheet: Sheet) -> Spread:
     """Put the mappings of a recorder in place of its name, or of names that only one recorder uses.
 
     Parameters
@@ -119,10 +134,7 @@ def spread(mappings: Sequence[str], sheet: Sheet) -> tuple[list[str], tuple[str,
 
     Returns
     -------
-    mappings : list of str
-        Those given go before those of the recorder.
-    words : tuple of str
-        What was taken for what, to be said.
+    Spread
 
     Raises
     ------
@@ -147,14 +159,14 @@ def spread(mappings: Sequence[str], sheet: Sheet) -> tuple[list[str], tuple[str,
     if not set(own) - {"t"}:
         kinds = "commands or positions"
         raise InputError(sheet.header, f"no {kinds} of {name} among the columns", got=sheet.listed)
-    return _merged(given, own), _words(recorder, own)
+    return _spread(recorder, given, own)
 
 
-def _recognized(given: list[str], sheet: Sheet) -> tuple[list[str], tuple[str, ...]]:
+def _recognized(given: list[str], sheet: Sheet) -> Spread:
     """Take a recorder whose command and reading are there by name, where nothing else says what is."""
     known = any(name.partition("_")[0] in MACHINE_AXES and "_" in name for name in sheet.names)
     if given or known or not sheet.named:
-        return given, ()
+        return Spread(given)
     for recorder in RECORDERS.values():
         own = dict(_own(recorder, sheet, ""))
         kinds = {name.partition("_")[2] for name in own}
@@ -165,8 +177,8 @@ def _recognized(given: list[str], sheet: Sheet) -> tuple[list[str], tuple[str, .
                     f"columns of {recorder.name} in turns: the travel of one is needed",
                     expected=f"--column {OPTION}{recorder.name}*5, say, for 5 mm",
                 )
-            return _merged(given, own), _words(recorder, own)
-    return given, ()
+            return _spread(recorder, given, own)
+    return Spread(given)
 
 
 def _own(recorder: Recorder, sheet: Sheet, factor: str) -> Iterator[tuple[str, str]]:
@@ -204,20 +216,10 @@ def without_unit(name: str) -> tuple[str, str]:
     return (name[: found.start()].strip(), known) if found and known else (name.strip(), "")
 
 
-def _merged(given: list[str], own: dict[str, str]) -> list[str]:
-    """Return the mappings given and those of a recorder for other names."""
+def _spread(recorder: Recorder, given: list[str], own: dict[str, str]) -> Spread:
+    """Return the mappings given and those of a recorder for other names, and say what was taken for what."""
     names = {one.partition("=")[0].strip() for one in given}
-    return [*given, *(mapping for name, mapping in own.items() if name not in names)]
-
-
-def _words(recorder: Recorder, own: dict[str, str]) -> tuple[str, ...]:
-    """Say what was taken for what."""
+    further = {name: mapping for name, mapping in own.items() if name not in names}
     listed = ", ".join(mapping.rpartition(":")[0] for mapping in own.values())
-    sides = [name for name in own if name.endswith("_act")]
-    said = [f"columns as {recorder.name} names them: {listed}"]
-    if recorder.name in ("linuxcnc", "twincat") and sides:
-        said.append(
-            f"nobody says whether {sides[0]} was read at the table or at the motor; --side"
-            f" {sides[0][0]}=motor or {sides[0][0]}=unknown does"
-        )
-    return tuple(said)
+    loops = tuple(name for name in further if recorder.reads_loop and name.endswith("_act"))
+    return Spread([*given, *further.values()], (f"columns as {recorder.name} names them: {listed}",), loops)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
 from ph_post.identify.logprogram import read_log
 from ph_post.types import Log
@@ -50,6 +51,19 @@ def test_pins_of_linuxcnc_are_recognized(written: Callable[[str], Path]) -> None
     assert log.axes["Y"].command == pytest.approx(-AT / 1e3, abs=1e-9)
     assert any("joint.0.motor-pos-cmd" in words for words in log.warnings)
     assert any("--side X=motor" in words for words in log.warnings)
+
+
+def test_what_a_loop_reads_is_on_the_side_where_the_machine_file_closes_it(written: Callable[[str], Path]) -> None:
+    # As a reading of the table it showed "no backlash", and identify put 0 in place of what a dial had measured.
+    text = written(table("time,joint.0.pos-cmd,joint.0.pos-fb", columns(T, AT, LATE)))
+    for name, side in (("router", "motor"), ("stepper", "motor"), ("mill", "table")):
+        log = read_log(text, machine=read_machine(name))
+        is_that_motion(log, side=side)
+        assert any("read at the motor" in words for words in log.warnings) == (side == "motor")
+    is_that_motion(read_log(text, machine=read_machine("router"), sides={"X": "table"}))
+    both = written(table("time,joint.0.pos-cmd,joint.0.pos-fb,enc", columns(T, AT, AT, LATE)))
+    log = read_log(both, machine=read_machine("router"), columns=["recorder=linuxcnc", "X_motor=enc:mm"])
+    is_that_motion(log, side="motor")
 
 
 @pytest.mark.parametrize("between", ["\t", ";"])
