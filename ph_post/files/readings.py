@@ -6,13 +6,13 @@ import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 import numpy as np
 
 from ph_post.errors import InputError
-from ph_post.files.check import checked, counted, one_of, parse_toml, place
+from ph_post.files.check import checked, counted, one_of, parse_toml, place, quoted
 from ph_post.files.logsheet import Sheet
 from ph_post.files.logtext import text_sheet
 from ph_post.files.storage import decoded, read_raw, read_source
@@ -63,16 +63,40 @@ def read_readings(source: str | os.PathLike[str]) -> Readings:
         Where it is no TOML, a key is unknown, or a list has not as many numbers as it needs.
     """
     file = read_source(source)
-    record = checked(parse_toml(file.text, file.name), _ReadingsRecord, file.name)
+    record = checked(_parsed(file.text, file.name), _ReadingsRecord, file.name)
     unit = UNITS[record.unit]
     rows = []
     for number, row in enumerate(record.dial):
         if row.readings:
-            where = place(file.name, ("dial", number))
+            # The sheet numbers the rows of each axis from 1.
+            count = sum(one.axis == row.axis for one in record.dial[: number + 1])
+            where = f"{place(file.name, ('dial', number))} (row {count} of {row.axis})"
             rows.append(dial_row(row.axis, row.readings, unit, where, row.place_mm, row.feed_mm_min))
     return Readings(
         name=file.name, swing=record.swing_mm * MM, dial=rows, cut=_cut(record.cut, unit, f"{file.name}: cut")
     )
+
+
+def _parsed(text: str, name: str) -> dict[str, Any]:
+    """Decode TOML; where it is none, say what people write in place of its numbers and its file.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        return parse_toml(text, name)
+    except InputError as error:
+        line = re.fullmatch(r".*:([0-9]+):[0-9]+", error.where)
+        words = text.splitlines()[int(line[1]) - 1] if line else ""
+        inside = re.search(r"\[(.*)\]", words)
+        if inside and re.search(r"[0-9],[0-9]|;|,\s*,|(?<![0-9])\.[0-9]", inside[1]):
+            expected = "decimal points, and a comma between numbers: [0.02, 0.5, 0.12]"
+            raise InputError(error.where, "no list of numbers", expected=expected, got=inside[0]) from None
+        if not re.search(r"^\s*\[+(dial|cut)\b", text, re.MULTILINE):
+            expected = "readings.toml, which ph-post calibrate --without-log writes"
+            raise InputError(error.where, "not a file of readings", expected=expected, got=quoted(words)) from None
+        raise
 
 
 def dial_row(
@@ -92,6 +116,8 @@ def dial_row(
     """
     if len(readings) < len(STEPS) or len(readings) % 2 == 0:
         expected = f"3, 5, 7 …: {', '.join(STEPS)}, then from minus and from plus again"
+        if all(float(one).is_integer() for one in readings):
+            expected += "; with decimal points, such as 0.12"
         raise InputError(where, "not a whole row of readings", expected=expected, got=str(len(readings)))
     return DialRow(
         axis=axis,
