@@ -169,7 +169,10 @@ def _warnings(made: NewMachine) -> list[str]:
             " --without-log says how to measure it"
         )
     if guessed := _axes_with(made, "c"):
-        warnings.append(f"following error of {guessed} as another machine's: a table leads by it, measure it")
+        warnings.append(
+            f"nobody said how far {guessed} {'lags' if len(guessed) == 1 else 'lag'} behind: b and c there are those of"
+            " another machine; ph-post identify measures them, before a table leads by them"
+        )
     return warnings
 
 

@@ -45,6 +45,8 @@ LEFT_EARLY: Final = 0.5
 HIDING: Final = 1.1
 """Times the backlash error that the error by all causes is before it is said beside it."""
 
+GROWN: Final = 1.02
+"""Times the largest backlash error before that it is afterwards before the error by all causes is said beside it."""
 
 FRICTION_AND_LAG: Final = "friction and lag"
 
@@ -301,9 +303,17 @@ def _led_in_program(found: CompensatedProgram) -> str:
 
 
 def _whole_error_words(found: ResultSummary) -> list[str]:
-    """Say what the error by all causes is, where the command leads some and they are more than the backlash."""
-    (before, after), gap = found.error, found.error_gap[0]
-    if not found.leads or before is None or after is None or (gap is not None and before.max <= HIDING * gap.max):
+    """Say what the error by all causes is, where the command leads some and they are more than the backlash.
+
+    Also where backlash adds more than before: a backlash may undo some of what the drive does, as an overshoot, and the
+    plan was judged by all causes.
+    """
+    (before, after), (gap, gap_after) = found.error, found.error_gap
+    if before is None or after is None:
+        return []
+    hidden = bool(found.leads) and (gap is None or before.max > HIDING * gap.max)
+    grown = gap is not None and gap_after is not None and gap_after.max > GROWN * gap.max
+    if not (hidden or grown):
         return []
     largest, broad = (
         ("" if found.alone else f"{rounded_micrometres(first)} → ") + rounded_micrometres(last)
@@ -313,7 +323,8 @@ def _whole_error_words(found: ResultSummary) -> list[str]:
     size = found.error_worst
     worst = size is not None and size.max > HIDING * after.max
     most = f" ({rounded_micrometres(size.max)} in the worst case of the machine file)" if worst and size else ""
-    return [f"error with {found.leads} {largest} µm max{most}, {broad} µm rms"]
+    causes = f"error with {found.leads}" if found.leads else "error by all causes"
+    return [f"{causes} {largest} µm max{most}, {broad} µm rms"]
 
 
 def _into_part(found: ResultSummary) -> str:

@@ -255,6 +255,17 @@ def test_linuxcncs_settings_are_defaults_in_its_units(capsys, monkeypatch, tmp_p
     assert f"warning: {file} has BACKLASH of X: the controller compensates too; set it to 0 there" in err
 
 
+def test_an_axis_without_gains_in_the_settings_is_named(capsys, tmp_path):
+    # The INI of a retrofit whose second joint was forgotten: Y got the gains of a shipped machine.
+    file = tmp_path / "mill.ini"
+    joints = "".join(f"[AXIS_{axis}]\nMAX_VELOCITY = 50\nMAX_ACCELERATION = 500\n" for axis in "XYZ")
+    gains = "".join(f"[JOINT_{number}]\nP = 60\nFF1 = 1\n" for number in (0, 2))
+    file.write_text(f"[TRAJ]\nCOORDINATES = XYZ\nLINEAR_UNITS = mm\n{joints}{gains}")
+    _, out, err = run(capsys, *NEW, "--yes", "--loop", "motor", "--settings", str(file))
+    assert [("b" in keys) for keys in tomllib.loads(out)["axes"].values()] == [False, True, False]
+    assert "warning: nobody said how far Y lags behind: b and c there are those of another machine" in err
+
+
 def test_the_planner_is_that_of_the_settings_or_else_the_firmwares(capsys, tmp_path):
     def controller(*arguments, text=""):
         file = tmp_path / "settings.txt"
