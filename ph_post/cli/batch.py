@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -101,7 +102,7 @@ def command(
         result = run_batch(folder, (*machines, *more), output, request, progress, _say_refused)
     if as_json:
         print_json(_view(result, output))
-    click.echo(_summary(result), err=True)
+    click.echo(_summary(result, output), err=True)
     return 0 if result.ok else 1
 
 
@@ -120,12 +121,15 @@ def _say_refused(row: BatchRow) -> None:
         click.echo(f"ph-post: {row.file} for {row.machine}: {row.status}: {row.reason}", err=True)
 
 
-def _summary(result: BatchResult) -> str:
+def _summary(result: BatchResult, output: str) -> str:
+    from ph_post.batch.run import TABLE
     from ph_post.files.check import counted
 
     said = [f"{number} {status}" for status, number in result.counts.items() if number]
     kept = f"; {result.kept} of an earlier run" if result.kept else ""
-    return f"{counted(len(result.rows), 'result')}: {', '.join(said)}{kept}"
+    # Refusals of an earlier run are not listed again, and a script sees but the exit status.
+    why = "" if result.ok else f"; why is in {Path(output) / TABLE}, exit status 1"
+    return f"{counted(len(result.rows), 'result')}: {', '.join(said)}{kept}{why}"
 
 
 def _view(result: BatchResult, output: str) -> dict[str, Any]:

@@ -173,6 +173,17 @@ def _warnings(made: NewMachine) -> list[str]:
             f"nobody said how far {guessed} {'lags' if len(guessed) == 1 else 'lag'} behind: b and c there are those of"
             " another machine; ph-post identify measures them, before a table leads by them"
         )
+    if guessed := _axes_with(made, "control.velocity_gain_per_s"):
+        warnings.append(
+            f"nobody said how quick the velocity loop of {guessed} is: with speed fed forward that decides how far an"
+            " axis runs over its goal, and what can be compensated; state --velocity-gain, or measure it by identify"
+        )
+    limits = [_axes_with(made, key) for key in ("max_velocity_mm_s", "max_acceleration_mm_s2")]
+    if guessed := max(limits, key=len):
+        warnings.append(
+            f"nobody said how fast {guessed} may move and accelerate: another machine's limits stand there, by which"
+            " times are reckoned and plans are made; state --speed and --acceleration"
+        )
     return warnings
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ph_post.api.measurements import LogIdentification
 from ph_post.quantities import measured_words, micrometres
-from ph_post.report.diagnosis_page import channel_noise, envelope, residual_scale, stretches
+from ph_post.report.diagnosis_page import channel_noise, envelope, has_reading, residual_scale, stretches
 from ph_post.report.effect_words import gap_words, label_words, verdict_sentences
 from ph_post.report.figures import AFTER, MARK, WINDOW, legend_above, new_figure
 from ph_post.types import Array
@@ -136,5 +136,6 @@ def _draw_remainder(axes: Axes, trail: ResidualTrace, noise: float) -> None:
     axes.fill_between(drawn.t, low, high, color=AFTER, linewidth=0.7, label="log - model")
     finish_trail(axes, trail, noise, ("µm", MICROMETRE))
     beside = axes.twinx()
-    beside.plot(trail.t, trail.command / MM, color=MARK, linewidth=0.6, alpha=0.5)
+    # Between windows of a long log nobody knows how it moved.
+    beside.plot(trail.t, np.where(has_reading(trail), trail.command / MM, np.nan), color=MARK, linewidth=0.6, alpha=0.5)
     beside.set_ylabel(f"{trail.axis} commanded [mm]", color=MARK)

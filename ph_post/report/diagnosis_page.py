@@ -55,16 +55,22 @@ class ResidualProfile(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def envelope(trail: ResidualTrace, most: int) -> Envelope:
     """Return at most so many groups of neighbours, each with its lowest and highest residuals.
 
-    A short peak stays as high as it is, however many samples stand for one.
+    A short peak stays as high as it is, however many samples stand for one. Groups without a reading are NaN.
     """
     step = max(1, -(-trail.t.size // most))
     firsts = np.arange(0, trail.t.size, step)
+    there = has_reading(trail)
     return Envelope(
         t=trail.t[firsts],
         command=trail.command[firsts],
-        before=lowest_and_highest(trail.before, firsts),
-        after=lowest_and_highest(trail.after, firsts),
+        before=lowest_and_highest(np.where(there, trail.before, np.nan), firsts),
+        after=lowest_and_highest(np.where(there, trail.after, np.nan), firsts),
     )
+
+
+def has_reading(trail: ResidualTrace) -> BoolArray:
+    """Return which samples were read: the others, as those between windows of a long log, have residuals of 0."""
+    return np.asarray(trail.counted | (trail.before != 0.0) | (trail.after != 0.0))
 
 
 def reversals(command: Array) -> tuple[IntArray, IntArray]:

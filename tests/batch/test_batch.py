@@ -165,7 +165,9 @@ def test_a_second_run_does_nothing(here, folder, tmp_path, capsys):
     capsys.readouterr()
     assert batch(folder, out) == 1
     assert len(here.done) == done
-    assert "3 results: 2 compensated, 1 refused; 3 of an earlier run" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "3 results: 2 compensated, 1 refused; 3 of an earlier run" in said
+    assert said.endswith(f"; why is in {out / 'report.csv'}, exit status 1\n")
     assert len(before) == 5
     assert {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in before} == before
 

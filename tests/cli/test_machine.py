@@ -163,7 +163,8 @@ def test_options_come_before_the_file_of_answers(capsys, tmp_path):
     assert "lost_motion_mm" not in view["assumed"]["X"]
     assert "c" in view["assumed"]["X"]
     assert view["file"] is None
-    assert len(view["warnings"]) == 1
+    # how far it lags behind, and how hard it accelerates
+    assert len(view["warnings"]) == 2
 
 
 def test_answers_may_be_standard_input(capsys, monkeypatch):
@@ -264,6 +265,20 @@ def test_an_axis_without_gains_in_the_settings_is_named(capsys, tmp_path):
     _, out, err = run(capsys, *NEW, "--yes", "--loop", "motor", "--settings", str(file))
     assert [("b" in keys) for keys in tomllib.loads(out)["axes"].values()] == [False, True, False]
     assert "warning: nobody said how far Y lags behind: b and c there are those of another machine" in err
+
+
+def test_what_decides_and_was_assumed_is_said(capsys):
+    # A Marlin printer got the 40 mm/s of a router without a word, a cascade with feed-forward a loop that overshoots.
+    limits = ("--speed", "200mm/s", "--acceleration", "1000")
+    _, _, err = run(capsys, *NEW, "--yes", "--loop", "none", "--dialect", "marlin")
+    assert "warning: nobody said how fast X, Y, Z may move and accelerate" in err
+    _, _, err = run(capsys, *NEW, "--yes", "--loop", "none", "--dialect", "marlin", *limits)
+    assert "nobody said how" not in err
+    drive = ("--loop", "motor", "--position-gain", "2m/min/mm", "--feedforward", "90%", *limits)
+    _, _, err = run(capsys, *NEW, "--yes", *drive)
+    assert "warning: nobody said how quick the velocity loop of X, Y, Z is" in err
+    _, _, err = run(capsys, *NEW, "--yes", *drive, "--velocity-gain", "250/s")
+    assert "nobody said how" not in err
 
 
 def test_the_planner_is_that_of_the_settings_or_else_the_firmwares(capsys, tmp_path):

@@ -33,6 +33,22 @@ def test_missing_samples_are_missing_only_where_a_whole_group_is():
     assert found.before[0, 3] == np.nanmin(before[30:40])
 
 
+def test_between_the_windows_of_a_long_log_nothing_is_drawn():
+    # What no reading stands for has residuals of 0: it was drawn as a model without any error.
+    made = trail(100)
+    read = (made.t < 0.04) | (made.t >= 0.07)
+    without = replace(
+        made,
+        before=np.where(read, made.before, 0.0),
+        after=np.where(read, made.after, 0.0),
+        counted=read,
+        held_out=np.zeros_like(read),
+    )
+    found = envelope(without, 10)
+    for drawn in (found.before, found.after):
+        assert np.isnan(drawn).tolist() == [[4 <= k < 7 for k in range(10)]] * 2
+
+
 def test_a_short_record_is_kept_sample_by_sample():
     made = trail(50)
     found = envelope(made, 4000)
