@@ -123,7 +123,8 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
             further=path.shifted.errors,
             holes=path.shifted.hole_errors,
         )
-    found = _counted(found or ResultSummary(), rows, warnings, notes)
+    shifted = _shifted(path.edited) if isinstance(path, ProgramCompensation) else ()
+    found = _counted(found or ResultSummary(), rows, warnings, notes, shifted)
     if isinstance(path, ProgramCompensation) and isinstance(path.after, ProgramMotion):
         return _with_early(found, path.after, path.places)
     return found
@@ -200,7 +201,8 @@ def summarize_program(
     if shifted is not None:
         rows, warnings = shifted.with_reversals(rows), (*warnings, *shifted.warnings)
         summary = msgspec.structs.replace(summary, further=shifted.errors, holes=shifted.hole_errors)
-    summary = _counted(summary, rows, warnings, passed_through(found.before, machine.dialect))
+    notes = passed_through(found.before, machine.dialect)
+    summary = _counted(summary, rows, warnings, notes, _shifted(found))
     return _with_early(summary, after, reversals)
 
 
@@ -210,13 +212,25 @@ def declared_axes(program: PartProgram) -> tuple[str, ...]:
     return () if declaration is None else tuple(sorted({*declaration.offset, *declaration.pulse}))
 
 
+def _shifted(found: CompensatedProgram) -> tuple[str, ...]:
+    """Name the axes that carry offsets in a program."""
+    return () if found.declaration is None else tuple(found.declaration.offset)
+
+
 def _counted(
-    found: ResultSummary, rows: Sequence[AxisReversals], warnings: Sequence[str], notes: tuple[str, ...]
+    found: ResultSummary,
+    rows: Sequence[AxisReversals],
+    warnings: Sequence[str],
+    notes: tuple[str, ...],
+    shifted: Sequence[str] = (),
 ) -> ResultSummary:
-    """Add to the errors and times of a summary which reversals are compensated."""
+    """Add to the errors and times of a summary which reversals are compensated.
+
+    An axis that is `shifted` is compensated, also where nobody knows that it reversed before.
+    """
     return msgspec.structs.replace(
         found,
-        axes=tuple(row.axis for row in rows if row.compensated),
+        axes=tuple(row.axis for row in rows if row.compensated or row.axis in shifted),
         reversals=ReversalCount(compensated=sum(row.compensated for row in rows), all=sum(row.all for row in rows)),
         left=left_words(rows, warnings, notes),
     )

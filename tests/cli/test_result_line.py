@@ -260,6 +260,24 @@ def test_diff_and_json_have_the_line(part: Path, tmp_path: Path, capsys: pytest.
     assert line.split("; ")[:2] == said[-1].split("; ")[:2]
 
 
+def test_an_axis_with_an_offset_is_compensated_where_nobody_knows_that_it_reversed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Behind a line that is not understood X moves on with its offset: beside `no axis compensated` stood its offset.
+    program, machine = tmp_path / "part.mpf", tmp_path / "mill.toml"
+    program.write_text(
+        "G17 G90 G94 G71\nG0 X0 Y0 Z50\nG0 X-10 Y20\nG0 Z2\nG1 Z-3 F200\nG1 X20 F600\nG2 X40 Y40 CR=20\n"
+        "G3 X60 Y60 I20 J0\nG1 X80 RND=5\nG1 Y20\nG2 X40 Y20 I-20 J0\nG1 X20\nCYCLE81(10,0,2,-5)\nG0 Z50\nM30\n"
+    )
+    drive = ("--position-gain", "2m/min/mm", "--feedforward", "90%", "--lost-motion", "0.03", "--dialect", "siemens")
+    assert main(["machine", "new", str(machine), "--yes", "--loop", "motor", *drive]) == 0
+    capsys.readouterr()
+    said, text = ended(capsys, "convert", str(program), "-m", str(machine), "-o", str(tmp_path / "out.mpf"), "--json")
+    view = json.loads(text)
+    assert list(view["offsets"]) == view["axes"] == ["X"]
+    assert said[-1].endswith("; X compensated, 0 of 4 reversals")
+
+
 def test_where_lag_is_led_the_error_by_all_causes_is_said_too() -> None:
     # A machine with friction and lag: alone, backlash adds next to nothing to what is off by ten times as much.
     plain, led = (ContourError(max=high, rms=low) for high, low in ((61.6e-6, 44.7e-6), (6.3e-6, 0.8e-6)))
