@@ -14,7 +14,7 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.files.check import one_of, quoted
-from ph_post.files.logcolumns import TIME, Clock, Column, clock_of, columns_of, parse_columns
+from ph_post.files.logcolumns import TIME, Clock, Column, clock_of, columns_of, parse_columns, renamed
 from ph_post.files.logsheet import Sheet, stored_ending, stored_sheet
 from ph_post.files.logtext import text_sheet
 from ph_post.files.recorders import spread
@@ -57,8 +57,8 @@ def read_log_file(
     raw = source if isinstance(source, SourceBytes) else read_raw(source)
     ending = stored_ending(raw)
     sheet = stored_sheet(raw, ending) if ending else text_sheet(decoded(raw, foreign=True))
-    mappings, taken, loops = spread(columns, sheet)
-    found, ignored = columns_of(sheet, parse_columns(mappings))
+    mappings, taken, own, loops = spread(columns, sheet)
+    found, ignored = columns_of(sheet, renamed(parse_columns(mappings), parse_columns(own), sheet))
     names = _axes_of(found, sheet)
     require_axes(names, machine, sheet.header)
     _require_samples(sheet, sheet.rows)
@@ -68,8 +68,8 @@ def read_log_file(
     timed = _timed(found, values, sheet, machine)
     samples = _Samples(sheet, clock_of(timed.t, sheet))
     asked = {} if sides is None else sides
-    own = [name[0] for name in loops if not (name[0] in asked or f"{name}.side" in sheet.remarks)]
-    at_motor, unsaid = _loop_sides(own, found, machine)
+    looped = [name[0] for name in loops if not (name[0] in asked or f"{name}.side" in sheet.remarks)]
+    at_motor, unsaid = _loop_sides(looped, found, machine)
     side_of = _sides(sheet, names, found, {**dict.fromkeys(at_motor, "motor"), **asked})
     axes, doubled = {}, []
     for name in names:

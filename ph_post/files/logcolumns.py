@@ -66,6 +66,19 @@ def parse_columns(mappings: Sequence[str]) -> dict[str, Column]:
     return found
 
 
+def renamed(mapped: Mapping[str, Column], own: Mapping[str, Column], sheet: Sheet) -> dict[str, Column]:
+    """Return columns, the source of each that has the name of a recorder's column as that one has it.
+
+    A factor counts beside that of the recorder; a unit that is not the usual one, as of numbers that are metres, too.
+    """
+    found = dict(mapped)
+    for name, column in mapped.items():
+        if column.source in own and column.source not in sheet.names:
+            one = own[column.source]
+            found[name] = Column(name=name, source=one.source, scale=one.scale * column.scale / _default(name))
+    return found
+
+
 def columns_of(sheet: Sheet, mapped: Mapping[str, Column]) -> tuple[dict[str, Column], tuple[str, ...]]:
     """Find what of a file is a column of the contract, mapped or else by its own name.
 

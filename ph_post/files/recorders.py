@@ -115,11 +115,13 @@ _UNITS_OTHER: Final = {"us": "us", "µs": "us", "a": "A", "ma": "mA", "n": "N"}
 class Spread(NamedTuple):
     """Mappings with those of a recorder, those given first; `words` say what was taken for what.
 
-    `loops` are the readings that the axes' own loops take, on a side that the recorder does not name.
+    `own` are all mappings of the recorder, `loops` the readings that the axes' own loops take, on a side that it does
+    not name.
     """
 
     mappings: list[str]
     words: tuple[str, ...] = ()
+    own: tuple[str, ...] = ()
     loops: tuple[str, ...] = ()
 
 
@@ -165,7 +167,10 @@ def spread(mappings: Sequence[str], sheet: Sheet) -> Spread:
 def _recognized(given: list[str], sheet: Sheet) -> Spread:
     """Take a recorder whose command and reading are there by name, where nothing else says what is."""
     known = any(name.partition("_")[0] in MACHINE_AXES and "_" in name for name in sheet.names)
-    if given or known or not sheet.named:
+    # What messages advise, as X_cmd=X_act, takes names that the recorder gives to columns.
+    sources = [re.split(r"[*:]", one.partition("=")[2])[0].strip() for one in given]
+    others = any(one in sheet.names or not re.fullmatch(r"[A-Z]_[a-z]+", one) for one in sources)
+    if others or known or not sheet.named:
         return Spread(given)
     for recorder in RECORDERS.values():
         own = dict(_own(recorder, sheet, ""))
@@ -222,4 +227,5 @@ def _spread(recorder: Recorder, given: list[str], own: dict[str, str]) -> Spread
     further = {name: mapping for name, mapping in own.items() if name not in names}
     listed = ", ".join(mapping.rpartition(":")[0] for mapping in own.values())
     loops = tuple(name for name in further if recorder.reads_loop and name.endswith("_act"))
-    return Spread([*given, *further.values()], (f"columns as {recorder.name} names them: {listed}",), loops)
+    words = (f"columns as {recorder.name} names them: {listed}",)
+    return Spread([*given, *further.values()], words, tuple(own.values()), loops)

@@ -110,6 +110,19 @@ def test_what_is_given_goes_before_what_a_recorder_has(written: Callable[[str], 
     is_that_motion(read_log(written(text), columns=["recorder=linuxcnc", "X_act=scale:mm"]))
 
 
+def test_what_a_message_advises_takes_the_columns_of_a_recorder(written: Callable[[str], Path]) -> None:
+    # "--column X_cmd=X_act --column X_act=X_cmd" was advised, and then refused as no column of the file.
+    text = written(table("time,joint.0.pos-cmd,joint.0.pos-fb", columns(T, LATE, AT)))
+    is_that_motion(read_log(text, columns=["X_cmd=X_act", "X_act=X_cmd"]))
+    metres = written(table("time,joint.0.pos-cmd,joint.0.pos-fb", columns(T, AT / 1e3, LATE / -1e3)))
+    is_that_motion(read_log(metres, columns=["X_cmd=X_cmd:m", "X_act=X_act*-1:m"]))
+    turns = written(
+        table("time,axis0.controller.pos_setpoint,axis0.encoder.pos_estimate", columns(T, AT / 5, LATE / -5))
+    )
+    mapped = ["recorder=odrive*5", "X_motor=X_motor*-1"]
+    is_that_motion(read_log(turns, columns=mapped), side="motor")
+
+
 def test_unknown_recorders_and_columns_are_refused(written: Callable[[str], Path]) -> None:
     text = written(table("t,a,b", columns(T, AT, LATE)))
     with pytest.raises(InputError, match='no recorder; expected twincat; got "twinkat"'):
