@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -57,7 +57,9 @@ def read_log_file(
     raw = source if isinstance(source, SourceBytes) else read_raw(source)
     ending = stored_ending(raw)
     sheet = stored_sheet(raw, ending) if ending else text_sheet(decoded(raw, foreign=True))
-    mappings, taken, own, loops = spread(columns, sheet)
+    asked = {} if sides is None else sides
+    said = {*asked, *(axis for axis in MACHINE_AXES if f"{axis}_act.side" in sheet.remarks)}
+    mappings, taken, own, loops = spread(columns, sheet, _motor_loops(machine, said))
     found, ignored = columns_of(sheet, renamed(parse_columns(mappings), parse_columns(own), sheet))
     names = _axes_of(found, sheet)
     require_axes(names, machine, sheet.header)
@@ -67,10 +69,7 @@ def read_log_file(
     _require_samples(sheet, min(one.size for one in values.values()))
     timed = _timed(found, values, sheet, machine)
     samples = _Samples(sheet, clock_of(timed.t, sheet))
-    asked = {} if sides is None else sides
-    looped = [name[0] for name in loops if not (name[0] in asked or f"{name}.side" in sheet.remarks)]
-    at_motor, unsaid = _loop_sides(looped, found, machine)
-    side_of = _sides(sheet, names, found, {**dict.fromkeys(at_motor, "motor"), **asked})
+    side_of = _sides(sheet, names, found, asked)
     axes, doubled = {}, []
     for name in names:
         axes[name], words = _axis(name, values, samples, side_of[name])
@@ -87,7 +86,7 @@ def read_log_file(
         warnings=(
             *sheet.warnings,
             *taken,
-            *_words_of_sides(at_motor, unsaid),
+            *_words_of_sides(loops, said, machine),
             *ignored,
             *timed.warnings,
             *doubled,
@@ -281,32 +280,31 @@ def _sides(sheet: Sheet, names: Sequence[str], found: Mapping[str, Column], aske
     return sides
 
 
-def _loop_sides(
-    sides: Sequence[str], found: Mapping[str, Column], machine: Machine | None
-) -> tuple[list[str], list[str]]:
-    """Return the axes whose loops read the motor, and those of which nobody says what theirs reads.
+def _motor_loops(machine: Machine | None, said: Container[str]) -> list[str]:
+    """Return the axes whose loops read the motor by the machine file, but for those of which another side is said.
 
     A reading of the motor that is taken for one of the table shows no backlash, however much there is.
     """
-    loops = {axis: machine.axes[axis].loop for axis in sides if machine is not None and axis in machine.axes}
-    at_motor = [axis for axis, loop in loops.items() if not loop.encloses_backlash and f"{axis}_motor" not in found]
-    return at_motor, [axis for axis in sides if axis not in loops]
+    axes = {} if machine is None else machine.axes
+    return [name for name, axis in axes.items() if not axis.loop.encloses_backlash and name not in said]
 
 
-def _words_of_sides(at_motor: Sequence[str], unsaid: Sequence[str]) -> list[str]:
-    said = []
-    if at_motor:
-        said.append(
-            f"{', '.join(f'{axis}_act' for axis in at_motor)}: read at the motor, as the machine file says that no"
-            f" scale is on the table; --side {at_motor[0]}=table or {at_motor[0]}=unknown says otherwise"
+def _words_of_sides(loops: Sequence[str], said: Container[str], machine: Machine | None) -> list[str]:
+    """Say on which side what loops read is taken to be, where nobody says it."""
+    words = []
+    if motors := [name for name in loops if name.endswith("_motor")]:
+        axis = motors[0][0]
+        words.append(
+            f"{', '.join(motors)}: what the loop reads, as the machine file says that no scale is on the table; --side"
+            f" {axis}=table or {axis}=unknown says otherwise"
         )
-    if unsaid:
-        names = ", ".join(f"{axis}_act" for axis in unsaid)
-        said.append(
-            f"{names}: nobody says whether read at the table or at the motor, taken as at the table; --side"
-            f" {unsaid[0]}=motor or {unsaid[0]}=unknown says otherwise"
+    if machine is None and (unsaid := [name for name in loops if name.endswith("_act") and name[0] not in said]):
+        axis = unsaid[0][0]
+        words.append(
+            f"{', '.join(unsaid)}: nobody says whether read at the table or at the motor, taken as at the table; --side"
+            f" {axis}=motor or {axis}=unknown says otherwise"
         )
-    return said
+    return words
 
 
 def _axis(name: str, values: Mapping[str, Array], samples: _Samples, side: str) -> tuple[AxisLog, list[str]]:

@@ -19,7 +19,7 @@ References
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Final, NamedTuple
 
 import msgspec
@@ -107,6 +107,7 @@ RECORDERS: Final = {
 OPTION: Final = "recorder="
 """What a mapping begins with that names a recorder: ``recorder=odrive*5``, with the travel of a turn."""
 
+_OWN_NAME: Final = re.compile(rf"[{''.join(MACHINE_AXES)}]_(?:cmd|act|motor|force|current)")
 _BRACKETS: Final = re.compile(r"\s*[\[(]\s*([^\])]*)\s*[\])]\s*$")
 _UNITS: Final = {"mm": "mm", "m": "m", "um": "um", "µm": "um", "inch": "inch", "in": "inch", "s": "s", "ms": "ms"}
 _UNITS_OTHER: Final = {"us": "us", "µs": "us", "a": "A", "ma": "mA", "n": "N"}
@@ -125,7 +126,7 @@ class Spread(NamedTuple):
     loops: tuple[str, ...] = ()
 
 
-def spread(mappings: Sequence[str], sheet: Sheet) -> Spread:
+def spread(mappings: Sequence[str], sheet: Sheet, at_motor: Collection[str] = ()) -> Spread:
     """Put the mappings of a recorder in place of its name, or of names that only one recorder uses.
 
     Parameters
@@ -133,6 +134,8 @@ def spread(mappings: Sequence[str], sheet: Sheet) -> Spread:
     mappings : sequence of str
         As the option ``--column`` takes them; one may be ``recorder=NAME[*FACTOR]``.
     sheet : Sheet
+    at_motor : collection of str, optional
+        Axes whose loops read the motor: what a recorder has of them is X_motor.
 
     Returns
     -------
@@ -148,7 +151,7 @@ def spread(mappings: Sequence[str], sheet: Sheet) -> Spread:
     if len(named) > 1:
         raise InputError(f"--column {quoted(OPTION + named[1])}", "a second recorder", expected="one")
     if not named:
-        return _recognized(given, sheet)
+        return _recognized(given, sheet, at_motor)
     name, _, factor = (part.strip() for part in named[0].partition("*"))
     if name not in RECORDERS:
         what = f"--column {quoted(OPTION + named[0])}"
@@ -161,15 +164,15 @@ def spread(mappings: Sequence[str], sheet: Sheet) -> Spread:
     if not set(own) - {"t"}:
         kinds = "commands or positions"
         raise InputError(sheet.header, f"no {kinds} of {name} among the columns", got=sheet.listed)
-    return _spread(recorder, given, own)
+    return _spread(recorder, given, own, at_motor)
 
 
-def _recognized(given: list[str], sheet: Sheet) -> Spread:
+def _recognized(given: list[str], sheet: Sheet, at_motor: Collection[str]) -> Spread:
     """Take a recorder whose command and reading are there by name, where nothing else says what is."""
     known = any(name.partition("_")[0] in MACHINE_AXES and "_" in name for name in sheet.names)
     # What messages advise, as X_cmd=X_act, takes names that the recorder gives to columns.
-    sources = [re.split(r"[*:]", one.partition("=")[2])[0].strip() for one in given]
-    others = any(one in sheet.names or not re.fullmatch(r"[A-Z]_[a-z]+", one) for one in sources)
+    sources = [_source(one) for one in given]
+    others = any(one in sheet.names or not _OWN_NAME.fullmatch(one) for one in sources)
     if others or known or not sheet.named:
         return Spread(given)
     for recorder in RECORDERS.values():
@@ -182,7 +185,7 @@ def _recognized(given: list[str], sheet: Sheet) -> Spread:
                     f"columns of {recorder.name} in turns: the travel of one is needed",
                     expected=f"--column {OPTION}{recorder.name}*5, say, for 5 mm",
                 )
-            return _spread(recorder, given, own)
+            return _spread(recorder, given, own, at_motor)
     return Spread(given)
 
 
@@ -221,11 +224,24 @@ def without_unit(name: str) -> tuple[str, str]:
     return (name[: found.start()].strip(), known) if found and known else (name.strip(), "")
 
 
-def _spread(recorder: Recorder, given: list[str], own: dict[str, str]) -> Spread:
+def _source(mapping: str) -> str:
+    """Return the column that a mapping takes, without its factor and unit."""
+    return re.split(r"[*:]", mapping.partition("=")[2])[0].strip()
+
+
+def _spread(recorder: Recorder, given: list[str], own: dict[str, str], at_motor: Collection[str]) -> Spread:
     """Return the mappings given and those of a recorder for other names, and say what was taken for what."""
-    names = {one.partition("=")[0].strip() for one in given}
-    further = {name: mapping for name, mapping in own.items() if name not in names}
-    listed = ", ".join(mapping.rpartition(":")[0] for mapping in own.values())
-    loops = tuple(name for name in further if recorder.reads_loop and name.endswith("_act"))
+    sources = {one.partition("=")[0].strip(): _source(one) for one in given}
+    named = {}
+    for name, mapping in own.items():
+        axis, _, kind = name.partition("_")
+        # An encoder of its own is mapped beside what the loop reads: that is then of the table.
+        beside = f"{axis}_motor" in own or not _OWN_NAME.fullmatch(sources.get(f"{axis}_motor", "X_motor"))
+        moved = recorder.reads_loop and kind == "act" and axis in at_motor and not beside
+        right = f"{axis}_motor" if moved else name
+        named[right] = f"{right}={mapping.partition('=')[2]}"
+    further = {name: mapping for name, mapping in named.items() if name not in sources}
+    listed = ", ".join(mapping.rpartition(":")[0] for mapping in named.values())
     words = (f"columns as {recorder.name} names them: {listed}",)
-    return Spread([*given, *further.values()], words, tuple(own.values()), loops)
+    loops = tuple(name for name in further if recorder.reads_loop and name.partition("_")[2] in ("act", "motor"))
+    return Spread([*given, *further.values()], words, tuple(named.values()), loops)

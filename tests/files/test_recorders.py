@@ -59,7 +59,7 @@ def test_what_a_loop_reads_is_on_the_side_where_the_machine_file_closes_it(writt
     for name, side in (("router", "motor"), ("stepper", "motor"), ("mill", "table")):
         log = read_log(text, machine=read_machine(name))
         is_that_motion(log, side=side)
-        assert any("read at the motor" in words for words in log.warnings) == (side == "motor")
+        assert any("what the loop reads" in words for words in log.warnings) == (side == "motor")
     is_that_motion(read_log(text, machine=read_machine("router"), sides={"X": "table"}))
     both = written(table("time,joint.0.pos-cmd,joint.0.pos-fb,enc", columns(T, AT, AT, LATE)))
     log = read_log(both, machine=read_machine("router"), columns=["recorder=linuxcnc", "X_motor=enc:mm"])
@@ -114,6 +114,9 @@ def test_what_a_message_advises_takes_the_columns_of_a_recorder(written: Callabl
     # "--column X_cmd=X_act --column X_act=X_cmd" was advised, and then refused as no column of the file.
     text = written(table("time,joint.0.pos-cmd,joint.0.pos-fb", columns(T, LATE, AT)))
     is_that_motion(read_log(text, columns=["X_cmd=X_act", "X_act=X_cmd"]))
+    router = read_machine("router")
+    is_that_motion(read_log(text, columns=["X_cmd=X_motor", "X_motor=X_cmd"], machine=router), side="motor")
+    assert read_log(text, columns=["X_cmd=X_motor", "X_motor=X_cmd"], machine=router).axes["X"].table is None
     metres = written(table("time,joint.0.pos-cmd,joint.0.pos-fb", columns(T, AT / 1e3, LATE / -1e3)))
     is_that_motion(read_log(metres, columns=["X_cmd=X_cmd:m", "X_act=X_act*-1:m"]))
     turns = written(
