@@ -112,7 +112,7 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
     from ph_post.cli.outputs import check_places
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
-    from ph_post.report.diagnoses import fit_view, identification_lines, identification_view
+    from ph_post.report.diagnoses import fit_view, identification_lines, identification_view, unshown_words
     from ph_post.report.figures import write_figure
     from ph_post.report.tables import print_json
     from ph_post.units import MM
@@ -142,11 +142,12 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
             progress("drawing")
             products[plot] = write_figure(draw_identification(found), plot)
         write_atomically(products)
+    warnings = [*log.warnings, *unshown_words(found.axes)]
     if as_json:
         view = identification_view(found.axes, found.sentences)
-        print_json({**view, **fit_view(found), "warnings": list(log.warnings)})
+        print_json({**view, **fit_view(found), "warnings": warnings})
     else:
         for line in identification_lines(found.axes, found.sentences):
             click.echo(line, err="-" in products)
-    options.report_written(log.warnings, products)
+    options.report_written(warnings, products)
     return 0

@@ -291,6 +291,35 @@ def identification_lines(axes: Parameters, notes: Sequence[str] = ()) -> list[st
     return [*table, *(f"note: {note}" for note in notes)]
 
 
+_GAINS: Final = ("b", "c", "position_gain", "velocity_gain")
+"""Parameters without which nobody knows how an axis moves."""
+
+
+def unshown_words(axes: Parameters) -> tuple[str, ...]:
+    """Name the gains that are less than their standard errors: the log does not show them, though they were fitted.
+
+    Examples
+    --------
+    >>> unshown_words({"X": {"c": Estimate(value=0.01, stderr=0.3, unit="s")}})
+    ('this log does not show c of X, which may be anything: a machine file has it all the same, do not compensate by \
+it; record quicker and slower motion, as the programs of ph-post calibrate have',)
+    """
+    said = []
+    for axis, parameters in axes.items():
+        names = [
+            name.replace("_", " ")
+            for name, one in parameters.items()
+            if name in _GAINS and one.stderr is not None and not one.stderr < abs(one.value)
+        ]
+        if names:
+            said.append(
+                f"this log does not show {' and '.join(names)} of {axis}, which may be anything: a machine file has"
+                f" {'it' if len(names) == 1 else 'them'} all the same, do not compensate by it; record quicker and"
+                " slower motion, as the programs of ph-post calibrate have"
+            )
+    return tuple(said)
+
+
 def _cells(one: Estimate) -> tuple[str, str, str]:
     value, error = with_error(one.value, one.stderr)
     return value, "unknown" if error is None else f"± {error}", one.unit or NOTHING

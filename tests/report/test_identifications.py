@@ -3,7 +3,7 @@
 import json
 import math
 
-from ph_post.report.diagnoses import identification_lines, identification_view
+from ph_post.report.diagnoses import identification_lines, identification_view, unshown_words
 from ph_post.types.diagnosis import Estimate
 
 AXES = {
@@ -40,3 +40,16 @@ def test_the_table_has_a_line_a_parameter():
 
 def test_a_record_that_shows_nothing_says_so():
     assert identification_lines({}) == ["This log shows no parameter."]
+
+
+def test_a_gain_that_is_less_than_its_error_is_not_shown():
+    # Of a log of one constant speed a machine file was written with K_v = 335 +- 18932 1/s, without a word.
+    slow = {
+        "position_gain": Estimate(value=335.0, stderr=18932.0, unit="1/s"),
+        "velocity_gain": Estimate(value=6527.0, stderr=248386.0, unit="1/s"),
+        "dead_time": Estimate(value=0.0004, stderr=0.36, unit="ms"),
+    }
+    (said,) = unshown_words({"Z": slow, **AXES})
+    assert said.startswith("this log does not show position gain and velocity gain of Z, which may be anything")
+    assert unshown_words(AXES) == ()
+    assert unshown_words({"X": {"c": Estimate(value=math.nan, stderr=math.inf, unit="s")}})
