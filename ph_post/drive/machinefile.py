@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import os
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
@@ -93,9 +93,21 @@ def machine_source(source: str | os.PathLike[str]) -> SourceText:
     return read_source(or_shipped("machines", source))
 
 
+def _parsed(text: SourceText) -> dict[str, Any]:
+    """Decode TOML; of a file that is not even called so, as a controller's own, say where machine files come from."""
+    try:
+        return parse_toml(text.text, text.name)
+    except InputError as error:
+        if text.name.lower().endswith(".toml") or error.where == text.name:
+            raise
+        expected = "TOML, as ph-post machine new writes it; its --settings reads those of Grbl and LinuxCNC"
+        got = quoted(text.text.lstrip().partition("\n")[0].strip())
+        raise InputError(error.where, "not a machine file", expected=expected, got=got) from None
+
+
 def machine_of(text: SourceText) -> Machine:
     """Return the machine of a text that was read already; raises as :func:`read_machine`."""
-    record = checked(parse_toml(text.text, text.name), MachineRecord, text.name)
+    record = checked(_parsed(text), MachineRecord, text.name)
     axes = {name: _axis(name, axis, text.name) for name, axis in record.axes.given().items()}
     if not axes:
         wanted = ", ".join(f"[axes.{name}]" for name in MACHINE_AXES)

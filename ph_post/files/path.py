@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from ph_post.errors import InputError
-from ph_post.files.check import checked, loads, one_line, place
+from ph_post.files.check import checked, loads, one_line, place, quoted
 from ph_post.files.pathcurves import (
     JOIN,
     AnySegment,
@@ -59,6 +59,11 @@ def read_path(source: str | os.PathLike[str]) -> Path:
 
 def path_of(text: SourceText) -> Path:
     """Make the path of a path file's text; see :func:`read_path`."""
+    begin = text.text.lstrip("\ufeff \t\r\n")
+    if begin and begin[0] not in "{[" and not text.name.lower().endswith(".json"):
+        expected = "blocks, such as G1 X10, or a path in braces"
+        what = "neither a part program nor a path file"
+        raise InputError(text.name, what, expected=expected, got=quoted(begin.splitlines()[0]))
     record = checked(loads(text.text, text.name), PathRecord, text.name)
     frame = Frame(file=text.name, axes=_axes(record, text.name), units=record.units, unit=LENGTHS[record.units])
     feed = _feed(record.feed, FilePlace(frame, ("feed",)))

@@ -89,3 +89,21 @@ def test_a_program_that_only_the_controller_understands_is_passed_through(tmp_pa
     source.write_text(text)
     assert main(["convert", str(source), "-m", "stepper", "--dialect", dialect, "-o", str(out)]) == 0
     assert out.read_text() == text
+
+
+def test_a_file_of_another_kind_is_named_as_what_it_is_not(tmp_path, capsys):
+    # An INI file behind -m was "not valid TOML: invalid value", a log in place of a program "not valid JSON".
+    ini, log, out = tmp_path / "mill.ini", tmp_path / "run.csv", tmp_path / "out.ngc"
+    ini.write_text("[EMC]\nMACHINE = retrofit\n")
+    log.write_text("t,X_cmd,X_act\n0.000,0.0,0.0\n")
+    assert main(["convert", str(CIRCLE), "-m", str(ini), "-o", str(out)]) == 2
+    assert without_progress(capsys.readouterr().err) == (
+        f"ph-post: {ini}:2:11: not a machine file; expected TOML, as ph-post machine new writes it; its --settings"
+        ' reads those of Grbl and LinuxCNC; got "[EMC]"\n'
+    )
+    assert main(["convert", str(log), "-m", "stepper", "-o", str(out)]) == 2
+    assert without_progress(capsys.readouterr().err) == (
+        f"ph-post: {log}: neither a part program nor a path file; expected blocks, such as G1 X10, or a path in braces;"
+        ' got "t,X_cmd,X_act"\n'
+    )
+    assert not out.exists()
