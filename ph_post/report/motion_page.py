@@ -9,6 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate.strategies.registry import PLAIN
+from ph_post.drive.axes import has_backlash
 from ph_post.quantities import NOTHING, micrometres, millimetres
 from ph_post.report.page import evenly, make_page, numbers, rows_to_draw
 from ph_post.report.result_line import ResultSummary, off_words, result_lines
@@ -102,7 +103,7 @@ def motion_lines(picture: Picture) -> list[str]:
             mark.view["axis"],
             mark.view["sense"],
             millimetres(mark.s),
-            "not compensated" if mark.view["strategy"] == PLAIN else mark.view["strategy"],
+            _done(picture, mark),
             *(_cell(one.turning[k]) for one in picture.traces),
         )
         for k, mark in enumerate(picture.marks)
@@ -110,6 +111,14 @@ def motion_lines(picture: Picture) -> list[str]:
     table = [format_table(header, rows)] if rows else ["no axis reverses"]
     warnings = (*picture.notes, *(f"warning: {text}" for text in picture.warnings))
     return [*result_lines(picture.summary)[:-1], motion_summary(picture), *table, *warnings]
+
+
+def _done(picture: Picture, mark: Mark) -> str:
+    """Say what is done at a turning point: an axis without backlash has nothing to be compensated."""
+    axis = picture.machine.axes.get(mark.view["axis"])
+    if mark.view["strategy"] != PLAIN:
+        return str(mark.view["strategy"])
+    return "not compensated" if axis is None or has_backlash(axis) else "no backlash"
 
 
 def _cell(error: TurningError | None) -> str:
@@ -192,6 +201,7 @@ def _point(picture: Picture, number: int) -> View:
     backlash = view["backlash"]
     return {
         **{key: view[key] for key in ("index", "kind", "axis", "sense", "strategy", "ratio")},
+        "done": _done(picture, mark),
         "line": view.get("line"),
         "s": mark.s / MM,
         "at": [x / MM for x in mark.point],

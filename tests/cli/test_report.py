@@ -76,6 +76,21 @@ def test_a_compensated_program_is_shown_beside_its_original(tmp_path, capsys):
         assert [one["line"] for one in found["windows"]] == [one["line"] for one in known["windows"]]
 
 
+def test_a_reversal_of_an_axis_without_backlash_is_not_said_to_be_left(tmp_path, capsys):
+    # Of a router without backlash in Z the page said "3 of 3" above, and "not compensated" in the fourth row.
+    part, machine, page = tmp_path / "part.nc", tmp_path / "router.toml", tmp_path / "page.html"
+    part.write_text("G21 G90\nG0 X0 Y0 Z5\nG1 Z-1 F300\nX20 F900\nG2 X40 Y20 I0 J20\nG1 X10\nG0 Z5\nM2\n")
+    text = (WORN.parents[1] / "machines" / "stepper.toml").read_text()
+    head, _, z = text.partition("[axes.Z]")
+    machine.write_text(head + "[axes.Z]" + re.sub(r"lost_motion_mm = [0-9.]+", "lost_motion_mm = 0.0", z))
+    assert main(["report", str(part), "-m", str(machine), "-o", str(page)]) == 0
+    text = page.read_text()
+    done = {(one["axis"], one["done"]) for one in data_of(text)["points"]}
+    assert ("Z", "no backlash") in done
+    assert "not compensated" not in {words for _, words in done}
+    assert re.search(r"Z +min +[0-9.]+ +no backlash", text)
+
+
 @pytest.mark.slow
 def test_the_page_goes_to_standard_output_and_a_picture_beside_it(tmp_path, capsys):
     assert main(["report", "oval", "-m", "mill", *SUPPRESS]) == 0

@@ -75,7 +75,7 @@ function words(run, k) {
     rows.push(`${one.name}: ${error}, ${one.feed[i] === null ? "feed not known" : `feed ${num(one.feed[i], 1)} mm/min`}, at ${num(one.t[i], 3)} s`);
   });
   const m = markAt(run.s[k]);
-  if (m !== null) rows.push(`in the window of #${MARKS[m].index} (${MARKS[m].axis} ${MARKS[m].sense}): ${MARKS[m].strategy === "none" ? "not compensated" : MARKS[m].strategy}`);
+  if (m !== null) rows.push(`in the window of #${MARKS[m].index} (${MARKS[m].axis} ${MARKS[m].sense}): ${MARKS[m].done}`);
   return rows.join("\n");
 }
 function point(run, k, x, y) {
@@ -308,7 +308,7 @@ function goTo(p) {
   if (!MARKS.length) s.append(el("p", "No axis reverses on this path: backlash leaves no mark on it."));
   const bound = { deviation: "leaves its circle", neighbour: "its neighbour", end: "the path's end", corner: "a corner" };
   const errors = p => p.errors.map(micrometres).join(" → ");
-  const told = p => p.strategy === "none" ? "not compensated" : D.windowed || p.strategy === "compensated before" ? p.strategy : "compensated";
+  const told = p => p.strategy === "none" || D.windowed || p.strategy === "compensated before" ? p.done : "compensated";
   const columns = [
     ["#", p => `#${p.index}`, p => p.index],
     ...(D.kind === "program" ? [["line", p => String(p.line), p => p.line]] : []),
