@@ -327,15 +327,18 @@ def _runs(machine: Machine, source: str, folder: str, kit: Sequence[Experiment])
         yield ""
         yield f"{one.why[:1].upper()}{one.why[1:]}."
         yield ""
-        yield from (f"- {_code(line)}" for line in one.record if not line.startswith(READ_WITH))
+        yield from (f"- {_code(line, folder)}" for line in one.record if not line.startswith(READ_WITH))
         yield ""
         yield "```"
         yield _command(machine, source, folder, one)
         yield "```"
 
 
-def _code(line: str) -> str:
-    """Set what is typed as code."""
+def _code(line: str, folder: str) -> str:
+    """Set what is typed as code; a log is written where the line that judges it looks for it."""
+    if line.startswith("halsampler "):
+        line, _, file = line.rpartition(" ")
+        line = f"{line} {shlex.quote(str(Path(folder, file)))}"
     return f"`{line}`" if line.startswith(("halcmd ", "halsampler ")) else line.replace("_", "\\_")
 
 

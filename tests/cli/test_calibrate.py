@@ -1,6 +1,7 @@
 """``ph-post calibrate``: a folder of programs and a plan, whole or not at all."""
 
 import json
+import shlex
 from pathlib import Path
 
 import pytest
@@ -48,7 +49,11 @@ def test_the_plan_has_a_line_that_judges_each_log(capsys, tmp_path):
         assert f"### {name}.ngc" in plan
         assert f"ph-post diagnose '{folder / name}.txt' -m mill --column" in plan
     assert plan.count("--column X_cmd=2:mm") == 8
-    assert "halsampler -t -n" in plan
+    # Where the line above is typed, diagnose finds the log: it was written beside the kit, not into it.
+    written = [
+        shlex.split(line.strip("- `"))[-1] for line in plan.splitlines() if line.startswith("- `halsampler -t -n ")
+    ]
+    assert written == [str(folder / f"{name}.txt") for name in NAMES]
     assert "Coast-down (X, Y, Z)" in plan
     assert "BACKLASH" in plan
 
