@@ -10,6 +10,7 @@ from support.diagnoses import diagnosis, each_verdict
 
 from ph_post.cli.main import main
 from ph_post.report.diagnosis_page import diagnosis_page
+from ph_post.types.diagnosis import ResidualStep
 
 OLD = "G21 G90 G94\nG0 X0 Y0\nG1 X40 F600\nG3 X40 Y20 J10\nG1 X0\nG3 X0 Y0 J-10\nM2\n"
 NEW = OLD.replace("G1 X40 F600", "G1 X20 Y0.05 F600\nX40 Y0 F300")
@@ -80,6 +81,22 @@ def test_a_diagnosis_is_told_where_one_points_and_is_zoomed(browser, tmp_path):
     shown.settle()
     assert shown.page.locator("svg.time text.x").all_text_contents() == before
     shown.require_quiet()
+    shown.close()
+
+
+def test_the_names_of_steps_end_before_their_bars(browser, tmp_path):
+    # "+ other servo parameters than in the file (X)" ran into its bars.
+    steps = [ResidualStep(added=added, fit_rms=7e-6, holdout_rms=8e-6) for added in (None, "servo_mismatch:X")]
+    shown = show(browser, tmp_path, diagnosis_page(diagnosis(steps=tuple(steps)), "run.csv"))
+    ends, begin = shown.page.evaluate(
+        """() => {
+            const svg = document.querySelector("svg:has(rect)");
+            const names = [...svg.querySelectorAll("text.ink")].map(one => one.getBoundingClientRect().right);
+            return [names, svg.querySelector("rect").getBoundingClientRect().left];
+        }"""
+    )
+    assert len(ends) == 2
+    assert max(ends) < begin
     shown.close()
 
 

@@ -21,12 +21,13 @@ if (D.gap.steps.length) {
   const svg = picture(s, "the residual of each step, as bars", "", false);
   pictures.push(() => {
     svg.textContent = "";
-    const width = Math.min(svg.clientWidth || 700, 800), row = 40, left = Math.min(260, width * 0.4);
+    const width = Math.min(svg.clientWidth || 700, 800), row = 40;
     const height = row * names.length + 8, top = Math.max(floor || 0, ...D.gap.steps.flatMap(x => [x.fit_rms || 0, x.holdout_rms || 0])) || 1;
     svg.setAttribute("viewBox", `0 0 ${svg.clientWidth || 700} ${height}`); svg.setAttribute("height", height);
+    const labels = names.map((name, k) => draw(svg, "text", { x: 0, y: row * k + 22, class: "ink" }, name));
+    const left = Math.min(Math.max(...labels.map(label => label.getBBox().width)) + 12, width * 0.55);
     const X = v => left + v / top * (width - left - 70);
     D.gap.steps.forEach((step, k) => {
-      draw(svg, "text", { x: 0, y: row * k + 22, class: "ink" }, names[k]);
       [["fit_rms", 4, 0.45], ["holdout_rms", 18, 1]].forEach(([name, y, opacity]) => {
         if (step[name] === null) return;
         draw(svg, "rect", { x: left, y: row * k + y, width: Math.max(X(step[name]) - left, 1), height: 12, fill: "var(--b)", opacity });
