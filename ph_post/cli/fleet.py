@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -10,6 +11,10 @@ from ph_post.cli import options
 from ph_post.cli.batch import terminated
 from ph_post.cli.identify import feedback_option, transmission_options
 from ph_post.cli.log_options import column_option, side_option
+
+if TYPE_CHECKING:
+    from ph_post.batch.fleet import DriftRow
+    from ph_post.types.diagnosis import Estimate
 
 
 @click.command()
@@ -62,6 +67,7 @@ def command(folder: str, machine: str | None, output: str, as_json: bool, **how:
     from ph_post.batch.fleet import FleetRequest, drift_view, run_fleet
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.check import counted
+    from ph_post.report.diagnoses import unshown_words
     from ph_post.report.tables import print_json
     from ph_post.units import MM
 
@@ -77,6 +83,9 @@ def command(folder: str, machine: str | None, output: str, as_json: bool, **how:
     for row in logs.values():
         if row.status != "identified":
             click.echo(f"ph-post: {row.log}: {row.status}: {row.reason}", err=True)
+    for log, axes in _estimates(result.rows).items():
+        for words in unshown_words(axes):
+            click.echo(f"warning: {log}: {words}", err=True)
     for row in result.drifted:
         change = f"{row.before:.4g} to {row.value:.4g} {row.unit}"
         click.echo(f"{row.log}: {row.axis} {row.parameter} has drifted from {change}", err=True)
@@ -84,3 +93,15 @@ def command(folder: str, machine: str | None, output: str, as_json: bool, **how:
     said = f"{counted(len(logs), 'log')}: {counted(len(result.drifted), 'parameter')} drifted"
     click.echo(f"{said}{kept}", err=True)
     return 0 if result.ok else 1
+
+
+def _estimates(rows: Iterable[DriftRow]) -> dict[str, dict[str, dict[str, Estimate]]]:
+    """Return what was identified by log, axis and parameter."""
+    from ph_post.types.diagnosis import Estimate
+
+    found: dict[str, dict[str, dict[str, Estimate]]] = {}
+    for row in rows:
+        if row.axis and row.parameter and row.value is not None:
+            axes = found.setdefault(row.log, {})
+            axes.setdefault(row.axis, {})[row.parameter] = Estimate(value=row.value, stderr=row.stderr, unit=row.unit)
+    return found

@@ -110,6 +110,20 @@ def test_what_has_drifted_is_said_and_counted(here, logs, tmp_path, capsys):
     assert rows["hall/mill.csv"]["drifted"] == "no"
 
 
+def test_a_log_that_shows_no_gains_is_named(real, logs, tmp_path, capsys, monkeypatch):
+    # Logs of one constant speed gave machine files with K_v = 335 +- 18932 1/s, in a table of 24 lines alone.
+    def slow(job):
+        rows = quick(job).rows
+        gain = DriftRow(log="", status="identified", axis="X", parameter="position_gain", value=335.0, stderr=18932.0)
+        return LogOutcome(rows=(*rows, gain) if b"0.05" in job.source.data else rows, file="name = 'a machine'\n")
+
+    monkeypatch.setattr(engine, "identify_job", slow)
+    assert fleet(logs, tmp_path / "out") == 0
+    said = capsys.readouterr().err
+    assert "warning: lathe.csv: this log does not show position gain of X, which may be anything" in said
+    assert "mill.csv" not in said
+
+
 def test_a_second_run_does_nothing(here, logs, tmp_path, capsys):
     out = tmp_path / "out"
     fleet(logs, out)
