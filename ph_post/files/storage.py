@@ -119,7 +119,8 @@ def _decode(data: bytes, name: str, foreign: bool) -> str:
         with contextlib.suppress(UnicodeDecodeError):
             if foreign and (other == "utf-16" or b"\0" not in data):
                 return data.decode(other)
-        raise _no_text(data, name, error.start, f"byte 0x{data[error.start]:02x}") from None
+        got = "UTF-16" if other == "utf-16" else f"byte 0x{data[error.start]:02x}"
+        raise _no_text(data, name, error.start, got) from None
     if "\0" in text:
         raise _no_text(data, name, data.index(b"\0"), "a zero byte")
     return text

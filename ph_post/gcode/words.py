@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from typing import Any, Final
 
@@ -89,7 +90,9 @@ def fault_error(name: str, data: bytes, lines: PlaceArray, fault: ProgramFault, 
     column = len(data[first : fault.place].decode("utf-8", "replace")) + 1
     where = f"{name}:{fault.block + 1}:{column}"
     if fault.code == BINARY:
-        return InputError(where, "not a part program", expected="text", got="a zero byte")
+        wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        expected, got = ("text as UTF-8 or ASCII", "UTF-16") if wide else ("text", "a zero byte")
+        return InputError(where, "not a part program", expected=expected, got=got)
     if fault.code == LONG_LINE:
         return InputError(where, "line is too long", expected="a line end within 16384 bytes")
     what, expected, got = fault_words(data, fault, end)

@@ -107,3 +107,15 @@ def test_a_file_of_another_kind_is_named_as_what_it_is_not(tmp_path, capsys):
         ' got "t,X_cmd,X_act"\n'
     )
     assert not out.exists()
+
+
+def test_text_in_two_bytes_a_letter_is_named(tmp_path, capsys):
+    # What an editor of Windows saves as "Unicode" was said to have a zero byte, or a byte 0xff.
+    part, machine = tmp_path / "part.nc", tmp_path / "mill.toml"
+    part.write_bytes("G1 X10 F100\n".encode("utf-16"))
+    machine.write_bytes('name = "mill"\n'.encode("utf-16"))
+    assert main(["convert", str(part), "-m", "stepper"]) == 2
+    said = without_progress(capsys.readouterr().err)
+    assert said.endswith(": not a part program; expected text as UTF-8 or ASCII; got UTF-16\n")
+    assert main(["convert", str(CIRCLE), "-m", str(machine)]) == 2
+    assert without_progress(capsys.readouterr().err).endswith(": not a text file; expected UTF-8; got UTF-16\n")
