@@ -178,6 +178,12 @@ def _warnings(made: NewMachine) -> list[str]:
             f"nobody said how quick the velocity loop of {guessed} is: with speed fed forward that decides how far an"
             " axis runs over its goal, and what can be compensated; state --velocity-gain, or measure it by identify"
         )
+    cascades = {name: axis.servo.cascade for name, axis in made.machine.axes.items()}
+    if banded := ", ".join(name for name, one in cascades.items() if one is not None and one.deadband > 0.0):
+        warnings.append(
+            f"the deadband of {banded} counts as certain: identify and diagnose do not fit it, and find other gains"
+            " where the pid has none; take it out of the file then"
+        )
     limits = [_axes_with(made, key) for key in ("max_velocity_mm_s", "max_acceleration_mm_s2")]
     if guessed := max(limits, key=len):
         warnings.append(

@@ -277,6 +277,10 @@ def test_what_decides_and_was_assumed_is_said(capsys):
     drive = ("--loop", "motor", "--position-gain", "2m/min/mm", "--feedforward", "90%", *limits)
     _, _, err = run(capsys, *NEW, "--yes", *drive)
     assert "warning: nobody said how quick the velocity loop of X, Y, Z is" in err
+    assert "deadband" not in err
+    # Of a drive without one, whose INI file has DEADBAND = 0.001, diagnose named K_v 390/s for 60.
+    _, _, err = run(capsys, *NEW, "--yes", *drive, "--deadband", "0.001mm")
+    assert "warning: the deadband of X, Y, Z counts as certain" in err
     _, _, err = run(capsys, *NEW, "--yes", *drive, "--velocity-gain", "250/s")
     assert "nobody said how" not in err
 
