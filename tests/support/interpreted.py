@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import re
@@ -29,6 +30,22 @@ class Interpreted:
     refusal: str
 
 
+@cache
+def _server() -> subprocess.Popen[str]:
+    """Return the process that has LinuxCNC's module, one for each process of the tests."""
+    server = subprocess.Popen([str(PYTHON), str(FULL)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    atexit.register(server.communicate)  # it ends where its input does
+    return server
+
+
+def _run_module(folder: Path) -> int:
+    """Interpret the program of a folder in full precision; return the status of the process that did."""
+    server = _server()
+    server.stdin.write(f"{folder}\n")
+    server.stdin.flush()
+    return int(server.stdout.readline())
+
+
 def interpret(data: bytes, folders: tuple[Path, ...] = (), tools: str = _TOOLS) -> Interpreted:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -42,10 +59,11 @@ def interpret(data: bytes, folders: tuple[Path, ...] = (), tools: str = _TOOLS) 
         how = {"capture_output": True, "cwd": name, "env": home, "timeout": 60}
         # It leaves the table of tools that the module reads.
         shown = subprocess.run(["rs274", "-t", str(table), "-i", str(ini), "-g", str(file)], check=False, **how)
-        done = subprocess.run([str(PYTHON), str(FULL), str(file)], check=False, **how)
-    if done.returncode != 0:
-        return Interpreted([], [], f"the module ended with {done.returncode}: {done.stderr[-200:]!r}")
-    found = json.loads(done.stdout.splitlines()[-1])  # behind what the program prints
+        status = _run_module(folder)
+        if status != 0:
+            said = (folder / "said.txt").read_bytes()[-200:]
+            return Interpreted([], [], f"the module ended with {status}: {said!r}")
+        found = json.loads((folder / "calls.json").read_bytes())
     lines = [match[1] for match in map(_CALL.match, shown.stdout.decode("utf-8", "replace").splitlines()) if match]
     calls = [one for one in lines if not one.startswith(("COMMENT", "ON_RESET"))]
     return Interpreted(found["calls"], calls, found["refusal"])
