@@ -38,7 +38,7 @@ def part(tmp_path, monkeypatch):
 
 def test_the_five_lines_of_the_interface(part):
     machine = ph.read_machine("router")
-    result = ph.compensate(ph.read_program("part.ngc"), machine, max_slowdown=10.0)
+    result = ph.compensate(ph.read_program("part.ngc"), machine, max_slowdown=10.0, effort=QUICK)
     # Backlash is gone but for a few micrometres at the crossings; the lag of the servos stays.
     assert result.after.error.max < 0.2 * result.before.error.max
     assert result.after.error.rms < 0.25 * result.before.error.rms
