@@ -203,12 +203,11 @@ def test_a_lathe_that_is_known_by_its_slow_feeds_stays_one_with_the_feeds_of_cro
     """Its arcs are in G18, which nothing says: read as a mill's they could not be understood."""
     cuts = "G01 X8. F1.9\nX-0.4\nG00 X9. Z-1.\nG01 X4.\nZ-4.\nG03 X6. Z-5. I0 K-1.\nG01 Z-6.\nX9. Z-5.\n"
     text = f"O0001\nG98\nT0202.0\nG00 X20. Z5.\nG00 X10. Z0\n{cuts}G00 X20.\nZ5.\nM30\n"
-    found = judge(Entry("slow", File(), "fanuc", text))
-    assert found.outcome == "compensated"
-    assert found.followed == found.shown > 2
-    assert 5.0 * found.rms[1] < found.rms[0]
     source = SourceBytes(name="a.nc", stem="a", data=text.encode())
     made = compensated(source, stepper("fanuc"), CompensateOptions(), "program", no_progress).program()
+    found = compare(Judged("compensated"), "fanuc", text.encode(), made)
+    assert found.followed == found.shown > 2
+    assert 5.0 * found.rms[1] < found.rms[0]
     assert max(map(float, re.findall(r"F([.\d]+)", made.decode()))) > 100.0
     assert made.count(b"(PH-POST: NOTE HOLDS FOR A LATHE, WHERE X IS A DIAMETER)") == 1
     assert read_as("fanuc", made, "a.nc").language.diameters
