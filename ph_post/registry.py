@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Generic, TypeGuard, TypeVar
@@ -66,5 +67,11 @@ class Registry(msgspec.Struct, Generic[T], frozen=True, kw_only=True):
             )
         return found
 
-    def _registered(self) -> dict[str, EntryPoint]:
-        return {point.name: point for point in entry_points(group=self.group)}
+    def _registered(self) -> Mapping[str, EntryPoint]:
+        return _points(entry_points, self.group)
+
+
+@cache
+def _points(look: Callable[..., Iterable[EntryPoint]], group: str) -> Mapping[str, EntryPoint]:
+    """Return the entry points of a group by name, looked for once: that reads a file of every installed package."""
+    return {point.name: point for point in look(group=group)}

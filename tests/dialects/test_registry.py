@@ -103,6 +103,15 @@ def test_others_register_by_entry_point(monkeypatch: pytest.MonkeyPatch) -> None
         registry.find_dialect("wrong")
 
 
+def test_what_others_register_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is a file of every installed package that is read for that."""
+    looked: list[str] = []
+    monkeypatch.setattr("ph_post.registry.entry_points", lambda group: looked.append(group) or ())
+    assert registry.dialect_names() == registry.dialect_names() == tuple(sorted(registry.BUILT_IN))
+    assert not registry.is_dialect("nobody")
+    assert looked == [registry.GROUP]
+
+
 @pytest.mark.parametrize("source", ["samples/programs/pocket.ngc", "paths/circle.json"])
 def test_a_dialect_that_a_machine_file_misspells_is_told_with_the_file(
     source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
