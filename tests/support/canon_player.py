@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from .interpreted import interpret
+from .interpreted import interpret_in_full
 from .reference_player import Move
 
 MM = 25.4
@@ -35,7 +35,7 @@ def canon_moves(text: str, begin: tuple[float, float, float], tools: str) -> lis
     head = _FIRST.match(text)
     at = head.end() if head else 0
     goes = f"G21 G90 G0 X{begin[0]} Y{begin[1]} Z{begin[2]}\n"
-    found = interpret((text[:at] + goes + text[at:]).encode(), tools=tools)
+    found = interpret_in_full((text[:at] + goes + text[at:]).encode(), tools)
     return None if found.refusal or not found.full else _moves(found.full)[1:]
 
 

@@ -16,6 +16,9 @@ FULL = Path(__file__).with_name("full_canon.py")
 PYTHON = Path("/usr/bin/python3")
 _CALL = re.compile(r"\s*\d+\s+N\S+\s+(.*)")
 _NUMBER = re.compile(r"-?\d+\.\d+")
+_TABLE = ".tool.mmap"
+"""Where rs274 leaves a table of tools in its home."""
+
 _TOOLS = "".join(f"T{n} P{n} Z0 D0.1\n" for n in range(1, 101))
 PATH_MODE = ("SET_MOTION_CONTROL", "SET_NAIVECAM", "DWELL(0.0000)")
 """A cycle is run with G61 by LinuxCNC; where the mode to come back to is not known, stops stand for it."""
@@ -48,25 +51,55 @@ def _run_module(folder: Path) -> int:
 
 def interpret(data: bytes, folders: tuple[Path, ...] = (), tools: str = _TOOLS) -> Interpreted:
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        file, ini, table = (folder / one for one in ("program.ngc", "machine.ini", "tool.tbl"))
-        file.write_bytes(data)
-        table.write_text(tools, encoding="ascii")
-        places = ":".join(map(str, folders))
-        prefix = f"[DISPLAY]\nPROGRAM_PREFIX = {folders[0]}\n" if folders else ""
-        ini.write_text(f"[RS274NGC]\nSUBROUTINE_PATH = {places}\n{prefix}", encoding="utf-8")
-        home = {**os.environ, "HOME": name, "INI_FILE_NAME": str(ini)}
-        how = {"capture_output": True, "cwd": name, "env": home, "timeout": 60}
         # It leaves the table of tools that the module reads.
-        shown = subprocess.run(["rs274", "-t", str(table), "-i", str(ini), "-g", str(file)], check=False, **how)
-        status = _run_module(folder)
-        if status != 0:
-            said = (folder / "said.txt").read_bytes()[-200:]
-            return Interpreted([], [], f"the module ended with {status}: {said!r}")
-        found = json.loads((folder / "calls.json").read_bytes())
-    lines = [match[1] for match in map(_CALL.match, shown.stdout.decode("utf-8", "replace").splitlines()) if match]
+        shown = _run_rs274(Path(name), data, folders, tools)
+        found = _interpret_in(Path(name))
+    lines = [match[1] for match in map(_CALL.match, shown.decode("utf-8", "replace").splitlines()) if match]
     calls = [one for one in lines if not one.startswith(("COMMENT", "ON_RESET"))]
-    return Interpreted(found["calls"], calls, found["refusal"])
+    return Interpreted(found.full, calls, found.refusal)
+
+
+def interpret_in_full(data: bytes, tools: str) -> Interpreted:
+    """Interpret a program by the module alone, with a table of tools that no program has changed."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        _write(folder, data, (), tools)
+        (folder / _TABLE).write_bytes(_table(tools))
+        return _interpret_in(folder)
+
+
+@cache
+def _table(tools: str) -> bytes:
+    """Return what rs274 makes of a table of tools."""
+    with tempfile.TemporaryDirectory() as name:
+        _run_rs274(Path(name), b"M2\n", (), tools)
+        return (Path(name) / _TABLE).read_bytes()
+
+
+def _write(folder: Path, data: bytes, folders: tuple[Path, ...], tools: str) -> None:
+    (folder / "program.ngc").write_bytes(data)
+    (folder / "tool.tbl").write_text(tools, encoding="ascii")
+    places = ":".join(map(str, folders))
+    prefix = f"[DISPLAY]\nPROGRAM_PREFIX = {folders[0]}\n" if folders else ""
+    (folder / "machine.ini").write_text(f"[RS274NGC]\nSUBROUTINE_PATH = {places}\n{prefix}", encoding="utf-8")
+
+
+def _run_rs274(folder: Path, data: bytes, folders: tuple[Path, ...], tools: str) -> bytes:
+    """Return what rs274 prints; a folder is its home."""
+    _write(folder, data, folders, tools)
+    home = {**os.environ, "HOME": str(folder), "INI_FILE_NAME": str(folder / "machine.ini")}
+    words = ["rs274", "-t", "tool.tbl", "-i", "machine.ini", "-g", str(folder / "program.ngc")]
+    return subprocess.run(words, check=False, capture_output=True, cwd=folder, env=home, timeout=60).stdout
+
+
+def _interpret_in(folder: Path) -> Interpreted:
+    """Interpret the program of a folder by the module."""
+    status = _run_module(folder)
+    if status != 0:
+        said = (folder / "said.txt").read_bytes()[-200:]
+        return Interpreted([], [], f"the module ended with {status}: {said!r}")
+    found = json.loads((folder / "calls.json").read_bytes())
+    return Interpreted(found["calls"], [], found["refusal"])
 
 
 @cache
