@@ -17,6 +17,8 @@ from ph_post.edit.beam_exposure import CornerCrossings, burns_little
 from ph_post.edit.beams import BeamGuard
 from ph_post.edit.crossing_shapes import (
     AT_SPEED,
+    LINE_TIME,
+    SHARPER,
     TURNING,
     CrossingShape,
     crossing_shape,
@@ -259,10 +261,11 @@ class CrossingGround:
                 break
         else:
             first, rounding = 2.0 * math.sqrt(axis.gap.lost_motion / axis.limits.acceleration), 0.0
+        turn = SHARPER * axis.gap.lost_motion / first
         first = max(first, axis.gap.lost_motion / axis.limits.velocity, 2.0 * self.machine.servo_period)
         shape = crossing_shape(axis, first, rounding)
         if isinstance(self.planner, ExactPath):
-            return shape
+            return shape if shape.beyond > 0.0 else replace(shape, turn=turn, least=LINE_TIME)
         allowed = tolerances(self.program, self.planner)
         allowed = np.append(allowed[allowed > 0.0], self.rounding or math.inf)
         return shape_in_steps(shape, axis, self.machine.servo_period, allowed.min())

@@ -17,6 +17,8 @@ what T is.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import product
 from typing import Any, Final
 
 import msgspec
@@ -58,6 +60,16 @@ TURNING: Final = 0.75
 
 WAITING: Final = 2.4
 """Time in √(g/a) for which the table waits in a crossing in steps, 2 √(g/a) being the least (seen on LinuxCNC)."""
+
+SHARP: Final = 1.5
+"""A joint of a crossing that is so many times sharper than a controller of an exact path passes at speed is divided."""
+
+FASTER: Final = 1.02
+"""More blocks are worth this at least, as a factor of the speed."""
+
+LINE_TIME: Final = 2e-3
+"""Time [s] that a block lasts at least where more of them spare a sharp joint: what a line of 23 characters takes on a
+serial line of 115,200 baud."""
 
 LEAST_PERIODS: Final = 2.0
 """Servo periods that a block of a crossing in steps takes at least at the mean speed of the crossing."""
@@ -264,7 +276,9 @@ class CrossingShape(msgspec.Struct, frozen=True, kw_only=True):
     the end of `wait`, so that the motor, which follows late, has arrived then. Where the controller rounds the joints,
     the motor's speed changes in `steps` joints to its largest, and in as many back, each over `ramp` [s], fewer where
     one of the blocks would last less than `least` [s], in `fewest` where the controller looks ahead through no more;
-    `push` [m/s²] is the acceleration of the axis then. Where the motor lags as well, it crosses in `arcs`.
+    `push` [m/s²] is the acceleration of the axis then. Where the motor lags as well, it crosses in `arcs`. Where the
+    path is exact a joint is passed the slower the sharper it is: `turn` is the product of both that the controller
+    allows [rad m/s], infinite where that is not asked.
     """
 
     first: float
@@ -275,6 +289,7 @@ class CrossingShape(msgspec.Struct, frozen=True, kw_only=True):
     least: float = 0.0
     fewest: int = 1
     push: float = 0.0
+    turn: float = math.inf
     arcs: CrossingArcs | None = None
 
     def span(self, steps: int) -> float:
@@ -319,6 +334,44 @@ def stair(up: int, down: int, travel: float, before: float, after: float) -> tup
         pieces[:] = 1.0
     pieces /= pieces.sum()
     return np.append(0.0, np.cumsum(pieces)), np.append(0.0, np.cumsum(pieces * (fastest + steps)))
+
+
+def fastest_stair(
+    slopes: Sequence[float], length: float, turn: float, time: float, shortest: float
+) -> tuple[Array, Array, float]:
+    """Return the :func:`stair` of up to :data:`STEPS` steps that an exact path's controller passes fastest.
+
+    Parameters
+    ----------
+    slopes : (float, float, float)
+        Of the motor's way ahead of the stretch, along it, and behind it.
+    length : float
+        Of the stretch [m].
+    turn : float
+        Product of speed and angle that the controller allows at a joint [rad m/s].
+    time, shortest : float
+        How long a block lasts at least [s], and how long it is [m].
+
+    Returns
+    -------
+    places, travelled : Array, shape (n,)
+        As of :func:`stair`.
+    speed : float
+        [m/s].
+    """
+    before, slope, after = slopes
+    found = None
+    for up, down in sorted(product(range(1, STEPS + 1), repeat=2), key=sum):
+        places, travelled = stair(up, down, slope, before, after)
+        pieces = np.diff(places)
+        if up + down > 2 and pieces.min() * length < shortest:
+            continue
+        joints = np.diff(np.concatenate([[before], np.diff(travelled) / pieces, [after]]))
+        speed = min(turn / max(float(np.abs(joints).max()), _LEAST_PART), float(pieces.min()) * length / time)
+        if found is None or speed > FASTER * found[2]:
+            found = places, travelled, speed
+    assert found is not None
+    return found
 
 
 def crossing_shape(axis: Axis, first: float, rounding: float) -> CrossingShape:

@@ -11,7 +11,19 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.edit.crossing_shapes import BALANCED, BEHIND, CHORD, OUTER, OUTWARD, CrossingShape, points_along, stair
+from ph_post.edit.crossing_shapes import (
+    BALANCED,
+    BEHIND,
+    CHORD,
+    OUTER,
+    OUTWARD,
+    SHARP,
+    STEPS,
+    CrossingShape,
+    fastest_stair,
+    points_along,
+    stair,
+)
 from ph_post.edit.edits import CrossingEdit, CrossingPart
 from ph_post.edit.lagging_crossings import CrossingArcs, bent_line, lead_time
 from ph_post.edit.reversals import motion_view
@@ -155,6 +167,20 @@ def _stretch(way: Array, passed: Array, points: Array) -> float:
     return 1.0 + CAUTIOUS * max(float((ways / np.where(ways > 0.0, along, 1.0)).min()) - 1.0, 0.0)
 
 
+def _long_stair(steps: int, slopes: Sequence[float], least: float) -> tuple[Array, Array]:
+    """Return the corners of a :func:`stair` of up to so many steps, of which no piece is shorter than `least`."""
+    before, slope, after = slopes
+    up = down = steps
+    share, travelled = stair(up, down, slope, before, after)
+    while min(up, down) > 0 and max(up, down) > 1 and np.diff(share).min() < least:
+        if down > 1 and (up == 1 or share[1] > share[-1] - share[-2]):
+            down -= 1
+        else:
+            up -= 1
+        share, travelled = stair(up, down, slope, before, after)
+    return share, travelled
+
+
 def _with_motions_of_no_length(parts: Sequence[CrossingPart]) -> list[CrossingPart]:
     """Add the motions between two parts, which are of no length, as of a line that is there twice."""
     found = list(parts[:1])
@@ -236,6 +262,10 @@ class CrossingPlanner:
             Of :func:`find_windows`.
         """
         long, shortest = spot.feed * self._least, shortest_block(spot.feed)
+        if self._bent(spot, window):
+            found = self._planned(spot, window, shortest, STEPS)
+            if found is not None:
+                return found
         found = self._planned(spot, window, long, spot.shape.steps)
         if long <= shortest or (found is not None and found.error <= ERROR):
             return found
@@ -246,6 +276,16 @@ class CrossingPlanner:
             return found if finer is None else finer
         enough = ROUNDER if len(found.parts) > len(finer.parts) else LOOSER
         return found if found.error <= enough * finer.error else finer
+
+    def _bent(self, spot: CrossingPlace, window: Array) -> bool:
+        """Return whether an exact path bends so much in a window that a joint of one block would be too sharp."""
+        if spot.calm or window[2] == 0.0 or int(window[4]) in (BEHIND, CHORD) or not math.isfinite(spot.shape.turn):
+            return False
+        knots = self._around(spot, window, 1, 0.0)
+        if knots is None:
+            return False
+        _, _, slopes = self._motor_at(knots, spot)
+        return float(np.abs(np.diff(slopes)).max()) * spot.feed > SHARP * spot.shape.turn
 
     def _planned(
         self, spot: CrossingPlace, window: Array, least: float, most: int, outside: float = 0.0
@@ -386,7 +426,7 @@ class CrossingPlanner:
             return knots
         # The table waits longer than the motor's blocks last where the controller rounds their ends.
         lasts = max(spot.shape.first, LONE * spot.shape.wait) * speed
-        if steps > 1:
+        if 1 < steps <= spot.shape.steps:
             lasts = min(spot.shape.span(steps) * speed, BLOCKS * (finish - begin))
             # Beyond five rounded joints in a row LinuxCNC looks no further ahead, and keeps to the speed from which it
             # could stop halfway along the block behind them.
@@ -478,23 +518,17 @@ class CrossingPlanner:
         knots.crosses = range(middle, middle + 1)
         if steps == 1:
             return knots
+        s, motor, slopes = self._motor_at(knots, spot)
         column, turn = spot.column, float(spot.sign)
-        first, last = knots.s[middle - 1], knots.s[middle]
+        first, last = s[1:3].tolist()
         shortest = shortest_block(spot.feed)
-        outer = [first - shortest, last + shortest] if middle == 1 else [knots.s[0], knots.s[-1]]
-        added = np.array([knots.added[0], knots.added[middle - 1], knots.added[middle], knots.added[-1]])[:, column]
-        s = np.array([outer[0], first, last, outer[1]])
-        motor = points_along(self._view, self._along, s)[:, column] + added
-        before, slope, after = (turn * np.diff(motor) / np.diff(s)).tolist()
-        least = max(spot.shape.least * knots.speed[middle], shortest) / (last - first)
-        up = down = steps
-        share, travelled = stair(up, down, slope, before, after)
-        while min(up, down) > 0 and max(up, down) > 1 and np.diff(share).min() < least:
-            if down > 1 and (up == 1 or share[1] > share[-1] - share[-2]):
-                down -= 1
-            else:
-                up -= 1
-            share, travelled = stair(up, down, slope, before, after)
+        if math.isfinite(spot.shape.turn):
+            share, travelled, speed = fastest_stair(slopes, last - first, spot.shape.turn, spot.shape.least, shortest)
+            speed = max(speed, knots.speed[middle])
+        else:
+            least = max(spot.shape.least * knots.speed[middle], shortest) / (last - first)
+            share, travelled = _long_stair(steps, slopes, least)
+            speed = FREELY * knots.speed[middle]
         places = (first + share * (last - first))[1:-1]
         way = (
             motor[1]
@@ -502,13 +536,31 @@ class CrossingPlanner:
             - points_along(self._view, self._along, places)[:, column]
         )
         between = [np.where(np.arange(len(AXES)) == column, x, knots.added[middle]) for x in way.tolist()]
-        speed = min(FREELY * knots.speed[middle], knots.speed[0])
         knots.s[middle:middle] = places.tolist()
         knots.added[middle:middle] = between
         knots.line[middle:middle] = [True] * len(between)
-        knots.speed[middle : middle + 1] = [speed] * (len(between) + 1)
-        knots.crosses = range(middle, middle + up + down - 1)
+        knots.speed[middle : middle + 1] = [min(speed, knots.speed[0])] * (len(between) + 1)
+        knots.crosses = range(middle, middle + share.size - 1)
         return knots
+
+    def _motor_at(self, knots: _Knots, spot: CrossingPlace) -> tuple[Array, Array, list[float]]:
+        """Return the places before and at the ends of the block in the middle, and behind it, and the motor's there.
+
+        Returns
+        -------
+        places, motor : Array, shape (4,)
+            [m].
+        slopes : list of float
+            Of the motor's way in its new direction between them.
+        """
+        middle, column = len(knots.s) // 2, spot.column
+        first, last = knots.s[middle - 1], knots.s[middle]
+        shortest = shortest_block(spot.feed)
+        outer = [first - shortest, last + shortest] if middle == 1 else [knots.s[0], knots.s[-1]]
+        added = np.array([knots.added[0], knots.added[middle - 1], knots.added[middle], knots.added[-1]])[:, column]
+        s = np.array([outer[0], first, last, outer[1]])
+        motor = points_along(self._view, self._along, s)[:, column] + added
+        return s, motor, (float(spot.sign) * np.diff(motor) / np.diff(s)).tolist()
 
     def _motion_at(self, s: float) -> int:
         k = int(np.searchsorted(self._along, s, side="right")) - 1

@@ -173,6 +173,35 @@ def test_it_is_as_exact_as_the_best_and_no_slower(kind: str, tmp_path: Path) -> 
     assert time <= before + max(longer * before, 0.1), said
 
 
+def bores() -> list[str]:
+    lines = []
+    for x in (0.0, 20.0, 40.0):
+        lines += [f"G0 X{x} Y0", "G1 Z0 F1000"]
+        for n in range(12):
+            side, way = (-1.55, -3.1) if n % 2 == 0 else (1.55, 0.0)
+            lines.append(f"G2 X{x + way} Y0 Z{-0.2 * (n + 1):.1f} I{side} J0 F2000")
+        lines.append("G0 Z5")
+    return lines
+
+
+def test_bends_are_crossed_at_speed(tmp_path: Path) -> None:
+    """A single block that crosses in a bend has so sharp a joint with the line before it that Grbl slows down."""
+    text = "\n".join([*HEAD, *bores(), "M2", ""])
+    file = tmp_path / "part.nc"
+    file.write_text(text, encoding="utf-8")
+    path = interpret(text, (0.0, 0.0, 5.0))
+    before, plain = cycle_time(text), errors(text, path)
+    fine = ph.compensate(file, machine(), max_slowdown=1.0).program().decode()
+    usual = ph.compensate(file, machine()).program().decode()
+    times, after = [cycle_time(one) for one in (fine, usual)], [errors(one, path) for one in (fine, usual)]
+    said = f"{plain} -> {after} µm, {before:.2f} -> {times} s"
+    assert plain[1] > 15.0, said
+    assert times[0] <= 1.08 * before, said
+    assert after[0][0] <= 2.2, said
+    assert times[1] <= 1.1 * before, said
+    assert after[1][1] <= plain[1] / 20.0, said
+
+
 def slot() -> list[str]:
     lines = ["G0 X5 Y4", "G1 Z-1 F200", "G1 X35 F900", "G3 X36 Y5 I0 J1", "G1 Y19", "G3 X35 Y20 I-1 J0", "G1 X5"]
     return [*lines, "G3 X4 Y19 I0 J-1", "G1 Y5", "G3 X5 Y4 I1 J0"]
