@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -40,6 +41,7 @@ BACK = HEAD + "X9.9\nG33 Z-20 K1.25\nG0 X20\nX9.8\nG33 Z5 K1.25\nG0 X20\nM2\n"
 PASSES = {"straight": STRAIGHT, "internal": INTERNAL, "steep": STEEP, "out": OUT, "pipe": PIPE, "back": BACK}
 
 
+@cache
 def changed(text, dialect="linuxcnc"):
     source = SourceBytes(name="a.ngc", stem="a", data=text.encode())
     return compensated(source, stepper(dialect), CompensateOptions(), "program", no_progress)
