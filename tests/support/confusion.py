@@ -238,6 +238,13 @@ def count(results: Path, out: Path) -> None:
     words: dict[str, Counter[str]] = defaultdict(Counter)
     for result in known.values():
         words[class_of(result) if result["kind"] == "single" else result["kind"]][answered(result)] += 1
+    matrix: dict[str, dict[str, Counter[str]]] = defaultdict(lambda: defaultdict(Counter))
+    cells: Counter[tuple[str, str]] = Counter()
+    for result in known.values():
+        if result["kind"] == "single":
+            (effect,), loop = result["effects"], result["feedback"].partition("-")[0]
+            matrix[effect]["cascade" if loop == "cascade" else "P loop"][answered(result)] += 1
+            cells[effect, result["channels"]] += 1
     good = [r for r in known.values() if answered(r) == "right" and r["kind"] in ("single", "pair")]
     seeds = [result["seed"] for result in known.values()]
     told = {
@@ -245,6 +252,11 @@ def count(results: Path, out: Path) -> None:
         "seeds": [min(seeds), max(seeds)],
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
         "answers": {kind: dict(counted.most_common()) for kind, counted in sorted(words.items())},
+        "answers by effect": {
+            effect: {loop: dict(counted.most_common()) for loop, counted in sorted(loops.items())}
+            for effect, loops in sorted(matrix.items())
+        },
+        "logs of an effect on a set of channels, at least": min(cells.values(), default=0),
         "right, within 10 %": [sum(map(near, good)), len(good)],
         "how many, of how many, percent by Wilson's interval of 95 %": shares(known.values()),
         "not right": {key: answered(r) for key, r in sorted(known.items()) if answered(r) != "right"},
