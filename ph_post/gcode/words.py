@@ -137,7 +137,8 @@ def _plain(text: bytes) -> str:
 
 
 LONGEST_LINE = 16384
-"""No controller takes lines of more bytes than this, comments included."""
+"""No controller takes lines of more bytes than this; slicers write settings and pictures in longer ones, behind a
+semicolon, which printers skip."""
 
 
 _LARGEST = np.iinfo(np.int32).max
@@ -181,16 +182,21 @@ def lines_of(data: bytes, name: str) -> PlaceArray:
 def _find_lines(data: bytes) -> tuple[PlaceArray, ProgramFault | None]:
     """Return the places at which lines begin, and the fault of what is no text: binary, or a line without end."""
     stop = min([place for place in (data.find(b"\n"), data.find(b"\r"), len(data)) if place >= 0])
-    if stop > LONGEST_LINE:
+    if _endless(data, 0, stop):
         return np.array([0, len(data)], dtype=np.int32), ProgramFault(block=0, place=0, code=LONG_LINE)
     lines = lexer.split_lines(np.frombuffer(data, np.uint8))
     nul = data.find(b"\0")
     if nul >= 0:
         return lines, ProgramFault(block=int(np.searchsorted(lines, nul, "right")) - 1, place=nul, code=BINARY)
-    long = np.flatnonzero(np.diff(lines) > LONGEST_LINE)
-    if long.size:
-        return lines, ProgramFault(block=int(long[0]), place=int(lines[long[0]]), code=LONG_LINE)
+    for long in np.flatnonzero(np.diff(lines) > LONGEST_LINE).tolist():
+        if _endless(data, int(lines[long]), int(lines[long + 1])):
+            return lines, ProgramFault(block=long, place=int(lines[long]), code=LONG_LINE)
     return lines, None
+
+
+def _endless(data: bytes, begin: int, end: int) -> bool:
+    """Return whether a line is too long for any controller; what is behind a semicolon none of them keeps."""
+    return end - begin > LONGEST_LINE and data.find(b";", begin, begin + LONGEST_LINE) < 0
 
 
 def read_words(data: bytes, lines: PlaceArray) -> Lexed:

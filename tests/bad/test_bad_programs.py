@@ -8,7 +8,7 @@ import pytest
 from support.canon import needs_rs274, run_rs274
 
 from ph_post.cli import main as command
-from ph_post.dialects.reading import read_program_file
+from ph_post.dialects.reading import read_as, read_program_file
 from ph_post.errors import InputError
 
 HERE = Path(__file__).parent / "programs"
@@ -75,6 +75,16 @@ def test_a_long_line_further_down_is_refused_with_its_place(tmp_path):
     with pytest.raises(InputError) as refusal:
         read_program_file(file)
     assert str(refusal.value).startswith(f"{file}:10:1: line is too long; ")
+
+
+def test_long_comments_of_slicers_are_carried(tmp_path):
+    """Bambu Studio writes what begins a print behind one semicolon, 21,000 bytes of it; thumbnails are longer."""
+    said = b"; machine_start_gcode = " + 3000 * b"M1006 A0 B10 L100\\n"
+    file = tmp_path / "a.gcode"
+    file.write_bytes(b"G21\nG90\n" + said + b"\nM117 " + said + b"\nG1 X5 F600\nG1 X0\n")
+    program = read_as("marlin", file.read_bytes(), file.name)
+    assert [program.motions.end[:, 0].tolist(), program.motions.block.tolist()] == [[5.0e-3, 0.0], [4, 5]]
+    assert program.data == file.read_bytes()
 
 
 @pytest.mark.parametrize("name", ["none.ngc", ".", "a\0b"])

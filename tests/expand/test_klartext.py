@@ -129,6 +129,17 @@ def test_lines_keep_their_characters_but_for_values_and_flow() -> None:
     assert lines_of(CALCULATED)[15] == "15 L IX+4.1231 IY-0.2924 F13 ; ( Q1 )"
 
 
+def test_points_that_are_no_number_are_carried() -> None:
+    """Old cycles in Spanish are named in abbreviations: CYCL DEF 1.0 TALADRADO PROF."""
+    parts = ("0 {}", "1 DIST. +2", "2 PROF. -6", "3 APROX. +2", "4 T.ESPR 0", "5 F200")
+    old = "\n".join(f"CYCL DEF 1.{part}" for part in parts)
+    named, plain = (lines_of(f"{HEAD}{old.format(name)}\n{CALLS}") for name in ("TALADRADO PROF.", "PECKING"))
+    assert [line.replace("TALADRADO PROF.", "PECKING") for line in named] == plain
+    assert not any("CYCL CALL" in line for line in named)
+    broken = lines_of(f"{HEAD}CYCL DEF 200 DRILLING Q200=2.. Q201=-6 Q206=150 Q202=2 Q203=+0\n{CALLS}")
+    assert any("CYCL CALL" in line for line in broken)
+
+
 @pytest.mark.parametrize("name", DRILL)
 def test_cycles_move_as_the_player_has_them(name: str) -> None:
     text = f"{HEAD}3 CYCL DEF {DRILL[name]}\n{CALLS}"
