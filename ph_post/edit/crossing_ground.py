@@ -32,7 +32,7 @@ from ph_post.edit.cutter_contours import CutterContours
 from ph_post.edit.edits import CrossingEdit, EditOptions, StopEdit
 from ph_post.edit.extrusion import filament_of
 from ph_post.edit.lagging_crossings import SHORT_LAG
-from ph_post.edit.preconditions import why_kept_whole
+from ph_post.edit.preconditions import program_units, why_kept_whole, word_decimals
 from ph_post.edit.reversals import (
     FIRST,
     LAST,
@@ -132,6 +132,8 @@ class CrossingGround:
 
     Attributes
     ----------
+    step : float
+        To which places are written [m].
     overshoot : dict
         From how far beyond its place each axis comes in the air [m].
     """
@@ -151,6 +153,8 @@ class CrossingGround:
         self.planner = planner_of(machine)
         self.part_side, self.plain_corners = options.part_side, options.plain_corners
         self.longer = options.longer
+        units = program_units(program)[0]
+        self.step = units * 10.0 ** -word_decimals(dialect, units)
         self._standing = np.array(sorted(options.standing), dtype=np.int64)
         # No less than what the numbers of the program can say of the backlash.
         self.overshoot = {

@@ -103,7 +103,7 @@ class CrossingSearch:
         """Plan all changes."""
         spots = self._spots.find(changes, coarser)
         ground = self.ground
-        planner = CrossingPlanner(ground.program.motions, ground.along, ground.divisible, ground.least)
+        planner = CrossingPlanner(ground.program.motions, ground.along, ground.divisible, ground.least, ground.step)
         current = np.zeros(3)
         crossings: list[CrossingEdit] = []
         stops: list[StopEdit] = []

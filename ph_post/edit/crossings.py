@@ -28,7 +28,7 @@ from ph_post.edit.edits import CrossingEdit, CrossingPart
 from ph_post.edit.lagging_crossings import CrossingArcs, bent_line, lead_time
 from ph_post.edit.reversals import motion_view
 from ph_post.edit.table_motion import follow_table
-from ph_post.gcode.program import AXES, CUBIC, LINE, Motions
+from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, Motions, plane_columns
 from ph_post.geometry.numeric import polyline_distances
 from ph_post.types import Array, BoolArray
 from ph_post.units import MM
@@ -121,6 +121,16 @@ FEWEST: Final = 3
 
 LONE: Final = 0.75
 """Part of the wait that the motor's block lasts where there is room for no more than one."""
+
+TURNED: Final = 48
+"""Steps of the written places by which an end of a crossing on a helix is moved at most so that its block touches it:
+where the helix rises by a degree, a step in height is 57 steps along the block."""
+
+BESIDE: Final = 12
+"""The same for the joint at the other end of that block."""
+
+AS_NEAR: Final = 0.01
+"""Part of a step of the written places by which the error may grow then: half a step is rounded off each place."""
 
 SAMPLES: Final = 97
 """Places of a crossing at which its error is read off."""
@@ -246,10 +256,13 @@ class CrossingPlanner:
         Motions that may be divided: crossings lie on them alone.
     least : float
         Blocks last at least this long [s] at the feed of the path, where that does not cost too much.
+    step : float
+        To which places are written [m]; 0 where they are written as they are.
     """
 
-    def __init__(self, motions: Motions, along: Array, divisible: BoolArray, least: float) -> None:
+    def __init__(self, motions: Motions, along: Array, divisible: BoolArray, least: float, step: float = 0.0) -> None:
         self._motions, self._along, self._divisible, self._least = motions, along, divisible, least
+        self._step = step
         self._view = motion_view(motions)
 
     def plan(self, spot: CrossingPlace, window: Array) -> CrossingEdit | None:
@@ -307,8 +320,12 @@ class CrossingPlanner:
             return None
         if len(knots.crosses) > 1 and (np.diff(knots.s) / knots.speed[1:]).min() < HELD * spot.shape.least:
             return None
-        points = points_along(self._view, self._along, np.array(knots.s)) + np.array(knots.added)
-        error, places = self._followed(knots, points, spot)
+        points, error, places = self._executed(knots, spot)
+        touching = self._touching(knots, spot)
+        if touching is not None:
+            other = self._executed(touching, spot)
+            if other[1] <= error + AS_NEAR * self._step:
+                knots, (points, error, places) = touching, other
         # What goes beyond shows to a motor without lag alone.
         own = spot.shape.beyond if not spot.calm else 0.0
         before, after = float(spot.before[spot.column]), float(spot.after[spot.column])
@@ -329,6 +346,53 @@ class CrossingPlanner:
             error=error,
             behind=knots.exact and not spot.calm,
         )
+
+    def _executed(self, knots: _Knots, spot: CrossingPlace) -> tuple[Array, float, Array]:
+        """Return the points at the knots (n, 3) [m], and what :meth:`_followed` says of the table."""
+        points = points_along(self._view, self._along, np.array(knots.s)) + np.array(knots.added)
+        return points, *self._followed(knots, points, spot)
+
+    def _touching(self, knots: _Knots, spot: CrossingPlace) -> _Knots | None:
+        """Move the ends of a crossing on a helix so that its first and last block, as written, touch the helix there.
+
+        Rounded to the program's decimals a block of a tenth of a millimetre is off its tangent by some milliradians,
+        mostly along the helix' axis. LinuxCNC rounds no joint of a helix by an arc: it is nearly at rest in each. None
+        where nothing is moved.
+        """
+        last = len(knots.s) - 1
+        if self._step == 0.0 or 1 in knots.crosses or last in knots.crosses or not knots.crosses:
+            return None
+        moved = replace(knots, s=list(knots.s))
+        self._touch(moved, 0, 1, 2, spot)
+        self._touch(moved, last, last - 1, last - 2, spot)
+        return moved if moved.s != knots.s else None
+
+    def _touch(self, knots: _Knots, end: int, joint: int, beyond: int, spot: CrossingPlace) -> None:
+        """Move an end of a crossing and the joint next to it, where both are inside of a helix; not the one beyond."""
+        motions, step, s = self._motions, self._step, np.array(knots.s)
+        k = self._locate(min(s[end], s[joint]) + NOTHING)[0]
+        across = plane_columns(motions.plane[k : k + 1])[0, 2]
+        if motions.kind[k] != ARC or not abs(motions.end[k, across] - motions.start[k, across]) > step:
+            return
+        outer = s[end] + np.arange(-TURNED, TURNED + 1) * step
+        inner = s[joint] + np.arange(-BESIDE, BESIDE + 1) * step
+        low, high = max(spot.bound[0], self._along[k]), min(spot.bound[1], self._along[k + 1])
+        outer = outer[(outer - 2.0 * step > low) & (outer + 2.0 * step < high)]
+        length = abs(s[beyond] - s[joint])
+        inner = inner[(inner > low) & (inner < high) & (np.abs(inner - s[beyond]) >= HELD * length)]
+        if s[end] not in outer or s[joint] not in inner:
+            return
+        way = self._written(inner, knots.added[joint])[None] - self._written(outer, knots.added[end])[:, None]
+        tangent = np.subtract(*(points_along(self._view, self._along, outer + side) for side in (step, -step)))
+        tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+        off = np.linalg.norm(np.cross(way, tangent[:, None]), axis=2) / np.linalg.norm(way, axis=2)
+        one, other = np.unravel_index(np.argmin(off), off.shape)
+        knots.s[end], knots.s[joint] = float(outer[one]), float(inner[other])
+
+    def _written(self, s: Array, added: Array) -> Array:
+        """Return the places (n, 3) [m] that are written for places along the program: shifts are rounded apart."""
+        step = self._step
+        return np.asarray(step * (np.rint(points_along(self._view, self._along, s) / step) + np.rint(added / step)))
 
     def _followed(self, knots: _Knots, points: Array, spot: CrossingPlace) -> tuple[float, Array]:
         """Follow a table that waits while its motor is in the backlash.
