@@ -140,6 +140,9 @@ LONGEST_LINE = 16384
 """No controller takes lines of more bytes than this; slicers write settings and pictures in longer ones, behind a
 semicolon, which printers skip."""
 
+LONGEST_COMMENT = 1 << 19
+"""Bytes of the longest line of that kind; whoever reads a file gives up on a line of twice as many."""
+
 
 _LARGEST = np.iinfo(np.int32).max
 """Bytes of the longest program."""
@@ -196,7 +199,9 @@ def _find_lines(data: bytes) -> tuple[PlaceArray, ProgramFault | None]:
 
 def _endless(data: bytes, begin: int, end: int) -> bool:
     """Return whether a line is too long for any controller; what is behind a semicolon none of them keeps."""
-    return end - begin > LONGEST_LINE and data.find(b";", begin, begin + LONGEST_LINE) < 0
+    if end - begin > LONGEST_LINE:
+        return end - begin > LONGEST_COMMENT or data.find(b";", begin, begin + LONGEST_LINE) < 0
+    return False
 
 
 def read_words(data: bytes, lines: PlaceArray) -> Lexed:

@@ -85,6 +85,9 @@ def test_long_comments_of_slicers_are_carried(tmp_path):
     program = read_as("marlin", file.read_bytes(), file.name)
     assert [program.motions.end[:, 0].tolist(), program.motions.block.tolist()] == [[5.0e-3, 0.0], [4, 5]]
     assert program.data == file.read_bytes()
+    file.write_bytes(b"G21\nG90\n;" + 3_000_000 * b"a" + b"\nG1 X5 F600\n")
+    with pytest.raises(InputError, match=":3:1: line is too long"):
+        read_program_file(file)
 
 
 @pytest.mark.parametrize("name", ["none.ngc", ".", "a\0b"])
