@@ -19,17 +19,16 @@ import msgspec
 from ph_post.expand.corner_follower import CornerFollower, OpenCorner
 from ph_post.expand.corners import Corner, Element, arc_by_radius
 from ph_post.expand.faults import NotExpandableError
-from ph_post.expand.klartext_lines import KlartextBlock, read_blocks, tnc_number
+from ph_post.expand.klartext_lines import NUMBER, KlartextBlock, read_blocks, tnc_number, tnc_value
 from ph_post.expand.progress import WrittenLines
 
-_NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
-_CORNER: Final = re.compile(rf"(RND|CHF)\s*R?\s*({_NUMBER})(?:\s*F\s*({_NUMBER}))?$")
+_CORNER: Final = re.compile(rf"(RND|CHF)\s*R?\s*({NUMBER})(?:\s*F\s*({NUMBER}))?$")
 _MOVE: Final = re.compile(r"(CR|CT|C|LP|L)(?![A-Z]|\s*=)|L(?=I?[XYZ])")
 _CENTER: Final = re.compile(r"CC(?![A-Z])")
-_ABSOLUTE_CENTER: Final = re.compile(rf"CC\s*X\s*{_NUMBER}\s*Y\s*{_NUMBER}$")
+_ABSOLUTE_CENTER: Final = re.compile(rf"CC\s*X\s*{NUMBER}\s*Y\s*{NUMBER}$")
 """A centre that is the same wherever the corner before it ends."""
 _WORD: Final = re.compile(
-    rf"\s*(?:(I?)(P[RA]|[XYZ])\s*({_NUMBER})|R([LR]|0(?![\d.,]))|R\s*({_NUMBER})|DR\s*([-+])|F\s*(MAX|{_NUMBER})|M\s*(\d+))"
+    rf"\s*(?:(I?)(P[RA]|[XYZ])\s*({NUMBER})|R([LR]|0(?![\d.,]))|R\s*({NUMBER})|DR\s*([-+])|F\s*(MAX|{NUMBER})|M\s*(\d+))"
 )
 _STILL: Final = re.compile(
     r"\*|BLK\s+FORM|TOOL\s+DEF|BEGIN\s+PGM|STOP\b|(?:M\s*0*(?:3|4|5|8|9|13|14)\s*)+$|CYCL\s+DEF\s+(?:9|32)\b"
@@ -72,10 +71,6 @@ class KlartextMove(msgspec.Struct, kw_only=True):
             axis: ("", tnc_number(value, _DECIMALS, sign=True)) for axis, value in (("X", end.real), ("Y", end.imag))
         }
         self.places = {**own, **{axis: place for axis, place in self.places.items() if axis not in own}}
-
-
-def _value(text: str) -> float:
-    return float(text.replace(",", "."))
 
 
 def _move_of(block: KlartextBlock) -> KlartextMove | None:
@@ -148,7 +143,7 @@ class KlartextCorners(CornerFollower[KlartextMove]):
                 self._open = OpenCorner(
                     words=corner[0],
                     kind="radius" if corner[1] == "RND" else "legs",
-                    size=_value(corner[2]),
+                    size=tnc_value(corner[2]),
                     own_feed=corner[3] or "",
                     before=before,
                     move_row=row,
@@ -175,8 +170,8 @@ class KlartextCorners(CornerFollower[KlartextMove]):
     def _center(self, words: str) -> complex | None:
         here = self._place()
         places: dict[str, float] = {}
-        for step, axis, number in re.findall(rf"(I?)([XYZ])\s*({_NUMBER})", words):
-            places[axis] = _value(number) + (self._at.get(axis, math.nan) if step else 0.0)
+        for step, axis, number in re.findall(rf"(I?)([XYZ])\s*({NUMBER})", words):
+            places[axis] = tnc_value(number) + (self._at.get(axis, math.nan) if step else 0.0)
         if not places:
             return here
         had = complex(math.nan, math.nan) if self._pole is None else self._pole
@@ -192,7 +187,7 @@ class KlartextCorners(CornerFollower[KlartextMove]):
         self._polar = to if to is not None or {"X", "Y"} & move.places.keys() or move.word != "L" else self._polar
         if to is not None:
             self._out[index] = move.block.with_words(move.text())
-        ends = {axis: _value(number) for axis, (_, number) in move.places.items()}
+        ends = {axis: tnc_value(number) for axis, (_, number) in move.places.items()}
         way = self._go(ends, steps=[axis for axis, (step, _) in move.places.items() if step])
         if move.word == "CT":
             if self._open is not None or way is None or not self._tangential(move, *way):
@@ -230,7 +225,7 @@ class KlartextCorners(CornerFollower[KlartextMove]):
         had: dict[str, float] = {} if self._polar is None else dict(zip(("PR", "PA"), self._polar, strict=True))
         for name, (step, number) in move.places.items():
             if name in ("PR", "PA"):
-                had[name] = _value(number) + (had.get(name, math.nan) if step else 0.0)
+                had[name] = tnc_value(number) + (had.get(name, math.nan) if step else 0.0)
         radius, angle = had.get("PR", math.nan), had.get("PA", math.nan)
         if self._pole is None or not self._plane or math.isnan(radius + angle) or {"X", "Y"} & move.places.keys():
             return None
@@ -246,7 +241,7 @@ class KlartextCorners(CornerFollower[KlartextMove]):
         if not move.sense or start == end:
             return None
         if move.word == "CR":
-            return arc_by_radius(start, end, _value(move.radius) if move.radius else 0.0, left=left)
+            return arc_by_radius(start, end, tnc_value(move.radius) if move.radius else 0.0, left=left)
         return None if self._pole is None else Element(start=start, end=end, center=self._pole, left=left)
 
     def _write(self, opened: OpenCorner[KlartextMove], after: KlartextMove) -> None:

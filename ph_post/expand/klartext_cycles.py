@@ -15,7 +15,7 @@ from typing import Final
 import msgspec
 
 from ph_post.expand.faults import NotExpandableError
-from ph_post.expand.klartext_lines import tnc_number
+from ph_post.expand.klartext_lines import tnc_number, tnc_value
 
 OF_THEIR_OWN: Final = frozenset((7, 8, 9, 10, 11, 12, 13, 14, 19, 20, 26, 27, 28, 29, 32, 39, 220, 221, 247))
 """Cycles that no call runs: the machining cycle stays the one from before."""
@@ -39,7 +39,6 @@ _OTHERS: Final = {
 """Values that are 0 where they are not given; any other one has to be 0."""
 
 _VALUE: Final = re.compile(r"(?<![A-Z+-])Q(\d+)\s*=\s*([-+]?[\d.,]+|F?MAX\b)?")
-_NUMBER: Final = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)")
 _MOST_PECKS: Final = 10_000
 _STOP: Final = (0.6, 50.0, 7.0)
 """Cycle 1 stops before the last depth by 0.6 mm, or the hole's depth over 50, at most 7 mm."""
@@ -56,7 +55,7 @@ class KlartextCycle(msgspec.Struct, kw_only=True):
     def add(self, part: int, text: str) -> None:
         """Take a part of an old cycle."""
         found = re.search(r"(?<![\dQ.,])([-+]?[\d.,]+)$", text.partition(".")[2].lstrip("0123456789"))
-        self.parts[part] = _number(found[1]) if found else math.nan
+        self.parts[part] = tnc_value(found[1]) if found else math.nan
 
     def moves(self, axis: str) -> list[str]:
         """Return the blocks of a call, along the tool's axis.
@@ -147,12 +146,7 @@ def values_of(text: str) -> Iterator[tuple[int, float]]:
     [(200, 2.0), (208, inf), (206, nan)]
     """
     for key, value in _VALUE.findall(text):
-        yield int(key), math.inf if value.endswith("MAX") else _number(value)
-
-
-def _number(text: str) -> float:
-    """Return what a text says as a number; NaN where it is none, as the point behind an abbreviated name."""
-    return float(text.replace(",", ".")) if _NUMBER.fullmatch(text) else math.nan
+        yield int(key), math.inf if value.endswith("MAX") else tnc_value(value)
 
 
 def _depths(value: dict[int, float]) -> list[float]:

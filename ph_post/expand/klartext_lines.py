@@ -14,6 +14,9 @@ from ph_post.expand.faults import ExpandError
 from ph_post.expand.values import UNKNOWN, NumberStore
 from ph_post.expand.writing import number_text
 
+NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
+"""A number as it is written, with a point or a comma."""
+
 _LEAD: Final = re.compile(r"\s*(?:\d+(?=\s|$|/))?\s*(/?)\s*")
 _KINDS: Final = {"": 0, "L": 1, "R": 2}
 _KIND: Final = 10_000
@@ -41,6 +44,17 @@ def parameter_of(name: str) -> int:
     if number >= _KIND:
         raise ExpandError("no such parameter", expected="Q0 to Q1999", got=name[:20])
     return _KINDS[letters[1:]] * _KIND + number
+
+
+def tnc_value(text: str) -> float:
+    """Return what a text says as a number; NaN where it is none, as the point behind an abbreviated name.
+
+    Examples
+    --------
+    >>> tnc_value("-2,5"), tnc_value(".")
+    (-2.5, nan)
+    """
+    return float(text.replace(",", ".")) if re.fullmatch(NUMBER, text) else math.nan
 
 
 def tnc_number(value: float, decimals: int, *, sign: bool) -> str:
