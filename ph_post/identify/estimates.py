@@ -190,7 +190,7 @@ MOST_UNCERTAIN: Final = 0.9
 
 
 class AxisFit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """A fitted axis and what was decided on the way."""
+    """A fitted axis and what was decided on the way; `repeats` says that runs of the same motion agree."""
 
     problem: AxisProblem
     axis_log: AxisLog
@@ -199,6 +199,7 @@ class AxisFit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     coasts: tuple[CoastDown, ...]
     from_file: bool
     notes: tuple[str, ...]
+    repeats: bool = True
 
     @property
     def plant(self) -> Plant:
@@ -216,9 +217,9 @@ def estimate_drive(settled: AxisFit) -> IdentifiedDrive:
     parameters, notes = _base(settled)
     gap, gap_notes = _gap(settled)
     motor, motor_notes = _motor(settled)
-    stiffness = _stiffness(settled)
+    stiffness, effort_notes = _stiffness(settled)
     parameters |= gap | motor | stiffness
-    notes = [*settled.notes, *notes, *gap_notes, *motor_notes, *_left(settled)]
+    notes = [*settled.notes, *notes, *gap_notes, *motor_notes, *effort_notes, *_left(settled)]
     return IdentifiedDrive(
         parameters=parameters,
         origins=_origins(settled, parameters),
@@ -316,16 +317,21 @@ def _motor(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
     return parameters, notes
 
 
-def _stiffness(settled: AxisFit) -> dict[str, Estimate]:
+def _stiffness(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
     """Return K by the recorded effort, in its unit a millimetre of following error."""
     plant, problem, axis_log = settled.plant, settled.problem, settled.axis_log
     if plant.ki or plant.kd or plant.command_delay:
-        return {}
+        return {}, []
     found = effort_gain(axis_log, plant.loop, problem.period, problem.counted)
     if found is None:
-        return {}
+        return {}, []
+    if not settled.repeats:
+        return {}, [
+            "servo_stiffness is not taken from the log: something else than the command moves the axis, and what its"
+            " effort answers cannot be told; with servo_stiffness_n_per_mm of the drive in the file, diagnose can"
+        ]
     K, stderr = found
-    return {"servo_stiffness": Estimate(value=K * MM, stderr=stderr * MM, unit=f"{axis_log.effort_unit}/mm")}
+    return {"servo_stiffness": Estimate(value=K * MM, stderr=stderr * MM, unit=f"{axis_log.effort_unit}/mm")}, []
 
 
 def _left(settled: AxisFit) -> list[str]:

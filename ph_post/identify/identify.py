@@ -175,6 +175,7 @@ def _identify_axis(
         coasts=tuple(coasts),
         from_file=from_file,
         notes=notes,
+        repeats=quality.repeats(axis.name),
     )
     if much and leaves_much(counted, settled.settling.fit.left):
         cascade = _cascade(problem, axis_log, base if verdict.fit is None else verdict.fit)
@@ -217,6 +218,8 @@ def _single_with_friction(problem: AxisProblem, axis_log: AxisLog, single: Drive
 
 
 def _coast_downs(problem: AxisProblem, axis_log: AxisLog, quality: LogQuality) -> list[CoastDown]:
+    if not quality.repeats(problem.axis.name):  # what moves it besides the command looks like one
+        return []
     noise = {one.channel: one.noise for one in quality.channels if one.axis == problem.axis.name}
     position = noise.get("motor", noise.get("act", 0.0))
     memory = servo_memory(problem.axis.servo)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -163,12 +163,16 @@ def examine(log: Log, machine: Machine) -> LogQuality:
     first = first_settled(log, machine, 0, log.t.size)
     readings = tuple(list_readings(log))
     repeats = _settled_repeats(log, machine, first)
-    channels = tuple(_channel(log, machine, reading, repeats, first) for reading in readings)
+    channels: list[ChannelQuality] = []
+    for reading in readings:  # an effort comes behind the positions
+        moved = {one.axis for one in channels if one.unrepeated is not None}
+        answers = reading.channel == "force" and reading.axis in moved
+        channels.append(_channel(log, machine, reading, repeats, first, answers=answers))
     return LogQuality(
         period=log.period,
         jitter=log.jitter,
         first=first,
-        channels=channels,
+        channels=tuple(channels),
         faults=tuple(_faults(log, machine, readings, channels, first)),
         notes=tuple(_notes(log, readings, channels, repeats, machine)),
     )
@@ -230,9 +234,9 @@ def _tolerance(log: Log, machine: Machine) -> float:
 
 
 def _channel(
-    log: Log, machine: Machine, reading: ChannelReading, repeats: tuple[Repeat, ...], first: int
+    log: Log, machine: Machine, reading: ChannelReading, repeats: tuple[Repeat, ...], first: int, *, answers: bool
 ) -> ChannelQuality:
-    """Quality of one channel."""
+    """Quality of one channel; an effort `answers` what moves the position besides the command, which is no noise."""
     values = reading.values
     # What other axes do may move this one: still is where all of them are.
     steps = [np.abs(np.diff(axis.command, prepend=axis.command[:1])) for axis in log.axes.values()]
@@ -244,8 +248,9 @@ def _channel(
     source: NoiseFrom
     size, source = noise.noise_of_repeats(values, repeats, log.period), "repeats"
     most = UNLIKE * max(fast, GRID_NOISE * quantum)
-    unrepeated = size if size is not None and size > most > 0.0 else None
-    size = size if unrepeated is None else most
+    unrepeated = size if size is not None and (answers or size > most > 0.0) else None
+    if unrepeated is not None:
+        size = None if answers else most
     still = noise.noise_of_standstill(values, travelled, _memory(log, machine), log.period)
     # An axis that hums while it should stand, or wanders in the gap of its loop, moves: that is no noise.
     drive = machine.axes.get(reading.axis)
@@ -314,7 +319,7 @@ def _faults(
     log: Log,
     machine: Machine,
     readings: tuple[ChannelReading, ...],
-    channels: tuple[ChannelQuality, ...],
+    channels: Sequence[ChannelQuality],
     first: int,
 ) -> Iterator[str]:
     """Yield why the log can show nothing at all."""
@@ -376,7 +381,7 @@ def _coarse(log: Log, machine: Machine, reading: ChannelReading, quantum: float,
 def _notes(
     log: Log,
     readings: tuple[ChannelReading, ...],
-    channels: tuple[ChannelQuality, ...],
+    channels: Sequence[ChannelQuality],
     repeats: tuple[Repeat, ...],
     machine: Machine,
 ) -> Iterator[str]:
@@ -419,7 +424,7 @@ def _channel_notes(reading: ChannelReading, quality: ChannelQuality, log: Log, m
             f"{side}: runs of the same motion differ by {quality.unrepeated / of:.3g}{unit} rms, far more than"
             " the reading changes from sample to sample: something does not repeat, which is not taken for noise"
         )
-    if quality.noise_from == "differences":
+    if quality.noise_from == "differences" and quality.unrepeated is None:
         yield f"{side}: no motion is repeated and none stands still, a slow wander of the reading is not seen"
     if quality.shift is not None and abs(quality.shift) > 0.1 * log.period:
         late = "late" if quality.shift > 0.0 else "early"

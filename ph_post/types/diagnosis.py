@@ -72,6 +72,10 @@ class LogQuality(msgspec.Struct, frozen=True, kw_only=True):
     faults: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
+    def repeats(self, axis: str) -> bool:
+        """Return whether no reading of an axis differs between runs of the same motion by far more than noise."""
+        return all(one.unrepeated is None for one in self.channels if one.axis == axis)
+
 
 class ResidualPlace(msgspec.Struct, frozen=True, kw_only=True):
     """Place of an axis' residual: its `share` of the excess over the noise floor, and a sentence.

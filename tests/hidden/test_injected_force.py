@@ -92,3 +92,10 @@ def test_pulses_stay_unknown_where_nobody_recorded_the_effort(tmp_path: Path) ->
     found = diagnosed(tmp_path, PULSE, effort=False)
     assert found.verdict == "unknown"
     assert found.steps[0].holdout_rms > 3e-5
+
+
+def test_identify_takes_no_stiffness_from_an_effort_that_pulses_are_part_of(tmp_path: Path) -> None:
+    diagnosed(tmp_path, PULSE)
+    drive = ph.identify(tmp_path / "run.csv", tmp_path / "axis.toml").drives["X"]
+    assert "servo_stiffness" not in drive.parameters
+    assert "motor_time_constant" not in drive.parameters
