@@ -37,6 +37,13 @@ _MARKER: Final = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?M0*808(?!\d)", re.MULTILINE
 _LOOP: Final = re.compile(rb"^[ \t]*while\b", re.MULTILINE)
 """A loop of RepRapFirmware (Duet3D, "GCode Meta Commands"), whose programs are read as Marlin's."""
 
+_FIRST_TOOL: Final = re.compile(rb"^[ \t]*T0+[ \t]*(?=[;\r\n]|\Z)", re.MULTILINE)
+"""The first tool, without more words. Marlin has it from the start, and a tool that it has already is not changed
+(tool_change.cpp); in Klipper T0 is whatever a macro of that name does."""
+
+_OTHER_TOOL: Final = re.compile(rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Tt][ \t]*(?!0+(?!\d))[\w?]", re.MULTILINE)
+"""Any other tool, after which the first one is changed to."""
+
 _READ: Final = frozenset((b"G0", b"G1", b"G2", b"G3", b"G4", b"G20", b"G21", b"G90", b"G91", b"G92", b"G28"))
 """Words that are read as RS274/NGC's, with the differences below."""
 
@@ -44,7 +51,7 @@ _STOPS: Final = frozenset((b"M0", b"M1", b"M3", b"M4", b"M5", b"M7", b"M8", b"M9
 
 STILL: Final = frozenset(
     b"M17 M20 M21 M27 M31 M42 M73 M75 M76 M77 M78 M82 M83 M101 M102 M103 M104 M105 M106 M107 M108 M109 M110 M111"
-    b" M113 M114 M115 M116 M117 M118 M119 M122 M123 M126 M127 M128 M129 M140 M141 M145 M150 M154 M155 M190 M191 M201"
+    b" M113 M114 M115 M116 M117 M118 M119 M122 M123 M126 M127 M128 M129 M140 M141 M145 M150 M154 M155 M190 M191 M200 M201"
     b" M203 M204 M205 M207 M208 M221 M250 M256 M280 M300 M301 M302 M304 M355 M380 M381 M400 M412 M413 M425 M486 M500"
     b" M501 M503 M555 M568 M569 M572 M592 M593 M900 M906 M907 M911 M912".split()
 )
@@ -84,6 +91,8 @@ def reader_of(arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], 
 
     def hide(data: bytes) -> bytes:
         first, last = _repeated(data)
+        if not small and _OTHER_TOOL.search(data) is None:
+            data = _FIRST_TOOL.sub(lambda one: b" " * len(one[0]), data)
         return _LINE.sub(lambda one: (_passed if first <= one.start() < last else change)(one[0]), data)
 
     return hide

@@ -155,6 +155,20 @@ def test_a_tool_change_forgets_the_place_and_keeps_the_modes() -> None:
     assert not program.modal_after(3).absolute
 
 
+@pytest.mark.parametrize(
+    ("tools", "dialect", "known"),
+    [
+        (("T0", "T0 ; again"), "marlin", True),
+        (("T0", "T1"), "marlin", False),
+        (("T0 S1", ""), "marlin", False),
+        (("T0", ""), "klipper", False),
+    ],
+)
+def test_the_first_tool_is_there_from_the_start_in_marlin(tools: tuple[str, str], dialect: str, known: bool) -> None:
+    program = read(f"G28\nG90\nG1 X1 Y1 Z1 F600\n{tools[0]}\nG1 X5\n{tools[1]}\nG1 X6\n", dialect)
+    assert bool(np.isfinite(program.motions.start).all(axis=1)[1]) == known
+
+
 @pytest.mark.parametrize("dialect", PRINTERS)
 def test_of_two_commands_in_a_line_the_second_may_be_obeyed_or_not(dialect: str) -> None:
     program = read("G21\nG90\nG1 X0 Y0 F600\nG91 G0 Z8 F300\nG1 X5\nG1 X-3\nG90\nG1 X10\nG1 X20 F900\n", dialect)
