@@ -483,8 +483,8 @@ class _PlanSearch:
         if judged is None:
             return None
         judged = by_what_is_done(judged, options.left, self._count)
-        if not judged.gains:
-            # Axes that only come to their sides once do it for nothing, and some cross while others do not.
+        if not judged.gains and (edits.short or not _crosses(edits)):
+            # Axes that only come to their sides once do it for nothing, and so may some that cross while others do not.
             judged = replace(judged, worse=frozenset(range(self._count)))
         chooses = find_traits(self._request.plan.strategy).chooses
         if not (chooses or self._planner.offsets_axes):
@@ -668,6 +668,11 @@ def _side_notes(options: EditOptions) -> tuple[str, ...]:
     """Say in the head of a program on which side of the path the part was said to be."""
     side = {1: "left", -1: "right"}.get(options.part_side)
     return () if side is None else (f"the part is on the {side} of the path",)
+
+
+def _crosses(edits: Edits) -> bool:
+    """Return whether any axis goes through its backlash, and not only onto its side where a cut begins."""
+    return bool(edits.crossings or edits.dips or any(one.whole for stop in edits.stops for one in stop.shifts))
 
 
 def _crossed_in(edits: Edits, places: Places) -> frozenset[int]:
