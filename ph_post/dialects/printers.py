@@ -44,8 +44,9 @@ _FIRST_TOOL: Final = re.compile(rb"^[ \t]*T0+[ \t]*(?=[;\r\n]|\Z)", re.MULTILINE
 _OTHER_TOOL: Final = re.compile(rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Tt][ \t]*(?!0+(?!\d))[\w?]", re.MULTILINE)
 """Any other tool, after which the first one is changed to."""
 
-_READ: Final = frozenset((b"G0", b"G1", b"G2", b"G3", b"G4", b"G20", b"G21", b"G90", b"G91", b"G92", b"G28"))
-"""Words that are read as RS274/NGC's, with the differences below."""
+_READ: Final = frozenset((b"G0", b"G1", b"G2", b"G3", b"G4", b"G17", b"G20", b"G21", b"G90", b"G91", b"G92", b"G28"))
+"""Words that are read as RS274/NGC's, with the differences below. G17 says no more than what holds anyway: where it is
+unknown, in Klipper without [gcode_arcs] and in Marlin without planes, nothing happens."""
 
 _STOPS: Final = frozenset((b"M0", b"M1", b"M3", b"M4", b"M5", b"M7", b"M8", b"M9"))
 
@@ -163,6 +164,8 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
     plain = _NO_FEED.sub(lambda one: b" " * len(one[0]), plain)
     if word in (b"G2", b"G3"):
         plain = _NO_CENTRE.sub(lambda one: b" " * len(one[0]), plain)
+        if not _letters(plain) & set(b"XY"):
+            plain = _TURNS.sub(lambda one: b" " * len(one[0]), plain)
     foreign = word in (b"G2", b"G3") and _letters(plain) - set(arcs)
     return code[:end] + plain if _MOVE.fullmatch(plain) and not foreign else _marked(code, b"$@")
 
@@ -170,6 +173,10 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
 _NO_CENTRE: Final = re.compile(rb"[Kk][ \t]*[-+]?0*\.?0*(?![\d.])[ \t]*")
 """A distance of an arc's centre across its plane that is nothing, as FreeCAD writes it: whatever the plane, none
 is taken where it is not told."""
+
+_TURNS: Final = re.compile(rb"[Pp][ \t]*\d+(?![\d.])")
+"""How often a circle is gone round (Marlin, "G2-G3"; Klipper passes over it): back where it began it leads to the same
+place. Slicers lift the nozzle so, with P1."""
 
 _NO_FEED: Final = re.compile(rb"[Ff][ \t]*\+?(?:0+\.?0*|\.0+)(?![\d.])")
 """A feed of 0, which Marlin passes over (gcode.cpp, get_destination_from_command); Klipper ends the program there."""

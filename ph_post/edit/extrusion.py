@@ -30,7 +30,7 @@ BEADS: Final = 20
 """Lines that extrude and move from which on their E words show what they are."""
 
 RISING: Final = 0.95
-"""Part of those lines whose E is larger than the one before, where E words are places."""
+"""Part of those lines that change E by which it grows, where E words are places."""
 
 SPOOLED: Final = 5.0
 """Filament for a way [mm/mm] that no bead has: of 1.75 mm it is one of 12 mm²."""
@@ -114,7 +114,8 @@ def shows_places(program: PartProgram) -> bool:
         while starts[line + 1] <= match.start():
             line += 1
         value = float(word[1])
-        if _name(match[1]) != "G92" and way[line] > 0.0:
+        # Ways through the air may name the place at which the filament is.
+        if _name(match[1]) != "G92" and way[line] > 0.0 and value != before:
             rises, count = rises + (value > before), count + 1
             total, path = total + max(value, 0.0), path + float(way[line]) / MM
         before = value

@@ -451,6 +451,13 @@ def test_e_words_that_as_steps_would_push_out_a_spool_are_places(
         assert float(with_filament(program, 12, bead, 0.0, 0.5).partition("E")[2].split()[0]) == pytest.approx(half)
 
 
+def test_ways_through_the_air_may_name_the_place_of_the_filament() -> None:
+    """As KISSlicer writes them; the program names neither M82 nor M83."""
+    beads = "".join(f"G1 X0 Y{n} E{100 + n} F6000\nG1 X9 Y{n} E{101 + n} F900\n" for n in range(30))
+    program = read_program(f"G90\n{beads}".encode(), "a.gcode", language=find_dialect("marlin").language)
+    assert filament_of(program)[30].word(0.0, 0.5) == "E114.5"
+
+
 def test_where_e_is_behind_words_that_are_not_understood_is_not_known() -> None:
     text = "G90\nM82\nG92 E0\nG1 X10 E1 F900\nT1\nG1 X0 Y0 F900\nG1 X10 E3\nG1 X0 E4\n"
     program = read_program(text.encode(), "a.gcode", language=find_dialect("marlin").language)
