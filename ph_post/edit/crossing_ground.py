@@ -57,7 +57,7 @@ from ph_post.gcode.program import (
     plane_columns,
 )
 from ph_post.simulate.controllers.legs import ACROSS
-from ph_post.simulate.controllers.moves import tolerance_of, tolerances
+from ph_post.simulate.controllers.moves import linkings, tolerance_of, tolerances
 from ph_post.simulate.controllers.run import planned_speeds
 from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
 from ph_post.units import MM
@@ -136,6 +136,8 @@ class CrossingGround:
         To which places are written [m].
     overshoot : dict
         From how far beyond its place each axis comes in the air [m].
+    flat : Array, shape (m,)
+        Length [m] up to which a part of each helix is taken for a line; 0 for all other motions.
     """
 
     def __init__(
@@ -183,6 +185,7 @@ class CrossingGround:
         self.region_low = self.along[begins]
         self.region_high = self.along[np.append(begins[1:], self.region.size)]
         self.divisible = self._may_divide()
+        self.flat = self._flat_helices()
         self.shapes = {name: self._shape(machine.axes[name]) for name in sides}
         axes = machine.axes
         self.lag = np.array([response_time(axes[name].servo) if name in axes else 0.0 for name in AXES])
@@ -254,6 +257,23 @@ class CrossingGround:
         found = ~np.isin(kind, whole)
         if self.threads.mask.any() or self.program.language.bound is not None or further_lines(self.program):
             found[[k for k in np.flatnonzero(found).tolist() if why_kept_whole(self.program, k)]] = False
+        return found
+
+    def _flat_helices(self) -> Array:
+        """Length up to which LinuxCNC's NaiveCAM takes a part of a helix for a line, (m,) [m].
+
+        The joint of such a line with the helix lies in no plane, so that it is not rounded: the path nearly stops.
+        """
+        motions, found = self.program.motions, np.zeros(self.feed.size)
+        if isinstance(self.planner, ExactPath):
+            return found
+        rises = np.nan_to_num(motions.end[:, 2] - motions.start[:, 2]) != 0.0
+        which = np.flatnonzero((motions.kind == ARC) & (motions.plane == 17) & rises)
+        linking = linkings(self.program, self.planner.tolerance)[which]
+        radius = np.linalg.norm(motions.start[which, :2] - motions.center[which], axis=1)
+        angle = 2.0 * np.arccos(np.maximum(1.0 - linking / np.maximum(radius, linking + 1e-12), 0.0))
+        length, turn = np.diff(self.along)[which], np.maximum(np.abs(motions.angle[which]), 1e-12)
+        found[which] = np.nan_to_num(length * angle / turn)
         return found
 
     def _shape(self, axis: Axis) -> CrossingShape:

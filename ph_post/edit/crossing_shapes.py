@@ -203,6 +203,7 @@ def find_windows(
     most: Any,
     kind: Any,
     push: Any,
+    tied: Any,
 ) -> Any:
     """Find the window of every crossing: the stretch in which the table waits, and the speed of the path there.
 
@@ -227,6 +228,8 @@ def find_windows(
     push : Array, shape (n,)
         Acceleration [m/s²] with which the motor comes down to the speed that its axis has at the end of the window,
         which takes it less time than to come to rest; infinite where that does not count.
+    tied : array, shape (n,)
+        Whether the table has to leave the path and to come back to it on tangents.
 
     Returns
     -------
@@ -258,7 +261,7 @@ def find_windows(
             how = INWARD if not room or flat or kind[n] == INWARD else BALANCED
             how = OUTWARD if kind[n] == OUTWARD and outside else how
             e = 0.5 * deep if how == BALANCED else deep
-            if e <= allowed and (fits or late[n] == 0.0):
+            if e <= allowed and (fits or (late[n] == 0.0 and not tied[n])):
                 low = speed
                 found[n, 0], found[n, 1], found[n, 2] = begin, finish, speed
                 found[n, 3], found[n, 4] = e, how

@@ -70,6 +70,9 @@ CLEAR: Final = 1.5
 BLEND_ANGLE: Final = math.radians(20.0)
 """Corners duller than this reach no farther into the path than this one when they are rounded."""
 
+LEFT_OF_HELIX: Final = 1.05
+"""What a crossing leaves of a helix at both ends at least, as a multiple of what is taken for a line."""
+
 NEARLY: Final = 0.999
 """Part of a length that is as good as all of it."""
 
@@ -236,12 +239,21 @@ class SpotSearch:
         return np.stack([np.clip(one, low, high) for one in ends], axis=1)
 
     def _bounds(self, motion: IntArray, at: Array) -> Array:
-        """Places that crossings may not leave: half way to their neighbours, or the ends of their stretch, (n, 2)."""
+        """Places that crossings may not leave, (n, 2).
+
+        Half way to their neighbours, the ends of their stretch, and on helices where too little of them would be left.
+        """
         ground = self._ground
         region = ground.region_number[motion]
         middle = 0.5 * (at[1:] + at[:-1])
         low = np.maximum(ground.region_low[region], np.append(-np.inf, middle)[: at.size])
         high = np.minimum(ground.region_high[region], np.append(middle, np.inf)[: at.size])
+        begin, end, flat = ground.along[motion], ground.along[motion + 1], LEFT_OF_HELIX * ground.flat[motion]
+        inner = (flat > 0.0) & (at - begin > flat) & (end - at > flat)
+        low, high = (
+            np.where(inner, np.maximum(low, begin + flat), low),
+            np.where(inner, np.minimum(high, end - flat), high),
+        )
         return np.stack([low, high], axis=1)
 
     def _speed(self, rows: Array, motion: IntArray) -> Array:
@@ -343,6 +355,8 @@ class SpotSearch:
         push = np.array([ground.turning_push(name) for name in AXES])[spots.column]
         which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, wait)
         wanted[ground.lag[spots.column] >= SHORT_LAG] = 0
+        tied = ground.flat[motion] > 0.0
+        wanted[tied & (wanted == 0)] = BALANCED
         passed = self._passed(spots) if (turning & constant).any() else spots.feed
         for number, wider in enumerate((0.0, *BEAM_COARSER)):
             if which.size:
@@ -360,6 +374,7 @@ class SpotSearch:
                     most[which],
                     wanted[which],
                     push[which],
+                    tied[which],
                 )
             unfit = window[:, 1] - window[:, 0] < NEARLY * shortest
             unfit |= window[:, 2] * crossing < 0.25 * shortest

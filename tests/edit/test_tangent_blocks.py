@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -13,11 +14,15 @@ from support.editing import compensate
 
 from ph_post.drive.machinefile import read_machine
 from ph_post.types import Machine
+from ph_post.units import MM
 
 TANGENT = 1.5e-3
 """Largest angle [rad] between a helix and a block that touches it, as written to micrometres: its arcs' own ends and
 centres are off by half a micrometre in some millimetres. Left as it is rounded a block of a tenth of a millimetre is
 off by up to 7e-3."""
+
+FLAT = 0.01
+"""Height [mm] of an arc that LinuxCNC takes for a line, where that is what it rounds corners by."""
 
 NUMBER = re.compile(r"([GXYZIJ])(-?[\d.]+)")
 
@@ -29,8 +34,17 @@ def machine() -> Machine:
     return replace(one, axes=axes, dialect="fanuc")
 
 
-def joints(text: str) -> list[float]:
-    """Angles [rad] between the arcs of a program and the straight lines beside them, at each of their joints."""
+class Leg(NamedTuple):
+    """A motion: its G word, the directions in which it begins and ends, and how high an arc is above its chord [mm]."""
+
+    mode: int
+    begins: np.ndarray
+    ends: np.ndarray
+    height: float = 0.0
+
+
+def legs_of(text: str) -> list[Leg]:
+    """Lines and arcs of a program."""
     place, mode, legs = {"X": 0.0, "Y": 0.0, "Z": 0.0}, 0, []
     for line in text.splitlines():
         words = {letter: float(digits) for letter, digits in NUMBER.findall(re.sub(r"\(.*\)", "", line))}
@@ -41,18 +55,24 @@ def joints(text: str) -> list[float]:
         place |= {letter: words[letter] for letter in "XYZ" if letter in words}
         end = np.array([*place.values()])
         if mode < 2:
-            legs.append((mode, end - start, end - start))
+            legs.append(Leg(mode, end - start, end - start))
             continue
         turn = 1.0 if mode == 3 else -1.0
         center = start[:2] + np.array([words["I"], words["J"]])
         first, last = start[:2] - center, end[:2] - center
         swept = (turn * (math.atan2(last[1], last[0]) - math.atan2(first[1], first[0]))) % math.tau
         rise = (end[2] - start[2]) / swept
-        legs.append((mode, *(np.array([-turn * y, turn * x, rise]) for x, y in (first, last))))
+        tangents = (np.array([-turn * y, turn * x, rise]) for x, y in (first, last))
+        legs.append(Leg(mode, *tangents, float(np.linalg.norm(first)) * (1.0 - math.cos(0.5 * swept))))
+    return legs
+
+
+def joints(legs: list[Leg]) -> list[float]:
+    """Angles [rad] between arcs and the straight lines beside them, at each of their joints."""
     return [
-        math.atan2(float(np.linalg.norm(np.cross(one[2], two[1]))), float(one[2] @ two[1]))
+        math.atan2(float(np.linalg.norm(np.cross(one.ends, two.begins))), float(one.ends @ two.begins))
         for one, two in pairwise(legs)
-        if {one[0], two[0]} in ({1, 2}, {1, 3})
+        if {one.mode, two.mode} in ({1, 2}, {1, 3})
     ]
 
 
@@ -66,6 +86,23 @@ def test_blocks_beside_a_crossing_on_a_helix_touch_it(radius: float, rise: float
     text = f"%\nO1\nG21 G90 G17 G94\nG0 X{x:.3f} Y{y:.3f} Z1\nG1 Z0 F300\nF1500\n{halves}G0 Z5\nM30\n%\n"
     found = compensate(text.encode(), machine(), dialect="fanuc").text.decode()
     # Not those of the way in, of the jogs behind the first half, and of the way out.
-    off = joints(found)[3:-1]
+    off = joints(legs_of(found))[3:-1]
     assert len(off) >= 24
     assert max(off) < TANGENT
+
+
+@pytest.mark.parametrize("slowdown", [0.3, 0.5, 1.0])
+def test_of_a_helix_in_short_arcs_no_line_is_left(slowdown: float) -> None:
+    """A ramp as a CAM system writes it: between a line and a helix LinuxCNC rounds no joint, and nearly stops."""
+    ends = [(0.577, -1.393), (1.393, 0.577), (-0.577, 1.393), (-1.393, -0.577)]
+    starts = [ends[-1], *ends[:-1]]
+    quarters = [f"G3 X{x} Y{y} Z%.3f I{-a} J{-b}" for (x, y), (a, b) in zip(6 * ends, 6 * starts, strict=True)]
+    ramp = "".join(line % (2.55 - 0.083 * n) + "\n" for n, line in enumerate(quarters, 1))
+    text = f"G21 G90 G17 G94\nG0 X-1.393 Y-0.577 Z5\nG1 Z2.55 F1275\n{ramp}G0 Z5\nM30\n"
+    own = replace(machine(), dialect="linuxcnc")
+    own = replace(own, planner=replace(own.planner, path_tolerance=FLAT * MM))
+    found = compensate(text.encode(), own, dialect="linuxcnc", max_slowdown=slowdown)
+    assert len(found.edits.crossings) >= 12
+    legs = legs_of(found.text.decode())
+    assert min(one.height for one in legs if one.mode > 1) > FLAT
+    assert max(joints(legs)[3:-1]) < TANGENT

@@ -156,10 +156,7 @@ def bare_legs(program: PartProgram, limits: Array, start: Array, end: Array) -> 
 def _linked(legs: Legs, program: PartProgram, limits: Array, otherwise: float) -> Legs:
     """Let the controller make one line of several; within `otherwise` [m] where no path mode is named."""
     start, end = known_ends(program)
-    motions = program.motions
-    within = [otherwise if state.path is None else linking_of(state.path, state.units) for state in program.modal]
-    found = np.array(within or [0.0])
-    linking = found[program.state[motions.block]] if motions.block.size else np.zeros(0)
+    motions, linking = program.motions, linkings(program, otherwise)
     # Splines are many legs each: lines beside them are taken as they are.
     if not linking.any() or len(legs.motion) != len(motions.kind):
         return legs
@@ -298,6 +295,13 @@ def linking_of(path: str | None, units: float) -> float:
     if path is None or not path.startswith("G64"):
         return 0.0
     return _number(path, "Q" if "Q" in path else "P") * units
+
+
+def linkings(program: PartProgram, otherwise: float) -> Array:
+    """Return :func:`linking_of` for each motion [m], (m,); `otherwise` [m] where the program names no path mode."""
+    within = [otherwise if state.path is None else linking_of(state.path, state.units) for state in program.modal]
+    found = np.array(within or [0.0])
+    return np.asarray(found[program.state[program.motions.block]]) if program.motions.block.size else np.zeros(0)
 
 
 def _number(path: str | None, letter: str) -> float:
