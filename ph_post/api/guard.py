@@ -130,6 +130,8 @@ def _worse_sections(one: Array, other: Array) -> frozenset[int]:
     """Numbers of the sections whose errors, as of `_section_errors`, are larger than those of the original."""
     grown = _exceeds(other[:-1], WORSE * one[:-1] + SMALL)
     grown[:, 0] &= ~_outweighed(one, other)
+    # A percentile of a section alone grows where a corner that was far off comes nearer and stays behind for longer.
+    grown[:, 2] &= (other[:-1, :2] >= one[:-1, :2]).any(axis=1)
     worse = grown.any(axis=1)
     if not worse.any() and _exceeds(other[-1:], WORSE * one[-1:] + LEAST).any():
         worse = _blamed(one, other)
