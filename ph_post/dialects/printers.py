@@ -178,6 +178,21 @@ _TURNS: Final = re.compile(rb"[Pp][ \t]*\d+(?![\d.])")
 """How often a circle is gone round (Marlin, "G2-G3"; Klipper passes over it): back where it began it leads to the same
 place. Slicers lift the nozzle so, with P1."""
 
+
+def once_round(line: str) -> str:
+    """Return the text of a line without the number of times that its circle is gone round.
+
+    Examples
+    --------
+    >>> once_round("G3 X8.4 Y1.2 Z.8 I-.4 J1.1 P1 F900 ; P1")
+    'G3 X8.4 Y1.2 Z.8 I-.4 J1.1 F900 ; P1'
+    """
+    command, mark, comment = line.partition(";")
+    return _TURN_WORD.sub("", command) + mark + comment
+
+
+_TURN_WORD: Final = re.compile(r"[Pp][ \t]*\d+(?![\d.])[ \t]*")
+
 _NO_FEED: Final = re.compile(rb"[Ff][ \t]*\+?(?:0+\.?0*|\.0+)(?![\d.])")
 """A feed of 0, which Marlin passes over (gcode.cpp, get_destination_from_command); Klipper ends the program there."""
 

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from ph_post.dialects.base import Dialect
+from ph_post.dialects.printers import once_round
 from ph_post.edit import block_words
 from ph_post.edit.block_words import PartWords, fine_decimals
 from ph_post.edit.edits import SYNCHRONISED, StopEdit, dwell_time
@@ -315,6 +316,8 @@ class ChangeWriter:
         line = block_words.edited_line(self._program, block, exchange, add, first=first)
         # Blanks behind a semicolon belong to the comment.
         line = line if ";" in line else line.rstrip()
+        if self._program.language.bound is not None and words.mode in ("G2", "G3"):
+            line = once_round(line)
         if part.low > 0.0 or part.high < 1.0:
             line = with_filament(self._program, block, line, part.low, part.high)
         if len(line) + len("\r\n") > self._room and not line.startswith("/"):
