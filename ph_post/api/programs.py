@@ -17,6 +17,7 @@ from ph_post.api.compensated_program import CompensatedProgram, ProgramRequest, 
 from ph_post.api.expansion import in_own_lines
 from ph_post.api.guard import (
     FURTHER,
+    LARGE,
     LEAST,
     ROUNDS,
     SLACK,
@@ -469,7 +470,8 @@ class _PlanSearch:
             again = self._in_parts(options) if made.edits.short and not judged.simulated else None
         if again is not None:
             return again
-        tighter = tightened(options, judged, self._request.edit.max_slowdown, self._count)
+        large = self._original.motions.kind.size >= LARGE
+        tighter = tightened(options, judged, self._request.edit.max_slowdown, self._count, large=large)
         if tighter is not None:
             return self._less(made.edits, judged, options, self._parting(tighter, judged, options))
         if self._kept is None or judged.rms <= self._kept[1].rms:
