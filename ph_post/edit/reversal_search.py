@@ -410,7 +410,8 @@ class ReversalSearch:
         """
         motions, chains = self.program.motions, chain_spans(self.program.motions)[0]
         moves = (motions.start != motions.end) & ~np.isnan(motions.end)
-        told = moves & self._absolute[:, None]
+        # A line that names the place at which an axis stands tells it as well.
+        told = (moves | self.crossings.ground.shiftable) & self._absolute[:, None] & np.isfinite(motions.end)
         known = np.isfinite(motions.start) & np.logical_or.accumulate(told)
         placed = np.logical_or.reduceat(told | (moves & known), chains)
         found = np.logical_or.reduceat(moves, chains) & ~placed

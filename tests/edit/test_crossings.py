@@ -427,6 +427,15 @@ def test_an_axis_that_increments_alone_lift_at_the_end_is_left_where_it_is() -> 
     assert undo(found.text, "part.gcode") == text.encode()
 
 
+def test_increments_lead_on_from_a_place_that_is_named() -> None:
+    """A raster under G91, behind a line under G90 that names the place at which the tool stands."""
+    rows = "".join(f"G1 X{8 if n % 2 == 0 else -8} F3600\nG1 Y0.05\n" for n in range(40))
+    begin = "G92 X0 Y0 Z0\nG90\nG1 X0 Y0 F1000\n"
+    found = compensate(f"{begin}G91\n{rows}G90\n".encode(), machine("marlin"), dialect="marlin")
+    assert sum(one.axis == "X" for one in found.edits.crossings) >= 38
+    assert found.edits.amplitude.keys() == {"X", "Y"}
+
+
 def test_a_nozzle_that_is_only_lifted_behind_its_last_bead_is_not_shifted() -> None:
     beads = "".join(f"G1 X{x} Y{y} E{n + 1}\n" for n, (x, y) in enumerate([(30, 20), (20, 25), (30, 30), (20, 35)]))
     text = f"G21\nG90\nM82\nG92 E0\nG0 X20 Y20 Z0.3 F3000\n{beads}M125 S4\nG91\nG1 Z5 F600\nG1 X5 Z1\nG90\nM84\n"
