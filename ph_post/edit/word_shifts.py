@@ -21,6 +21,9 @@ MOST_DECIMALS: Final = 15
 RESTART: Final = "restart here"
 """Words of a mark behind which a program may be started again, wherever the axes are."""
 
+COMMA: Final = 1 << 12
+"""In a style: the decimals stand behind a comma."""
+
 LONGEST: Final = 48
 """Most characters of a shifted number."""
 
@@ -28,7 +31,7 @@ LONGEST: Final = 48
 @lean
 def _compose(digits: Any, style: Any, out: Any, at: Any) -> Any:
     """Write a number, digits / 10^decimals, in a style to `out` from `at` on; the place behind it."""
-    decimals, width = style & 31, style >> 7
+    decimals, width, mark = style & 31, style >> 7 & 31, 44 if style & COMMA else 46
     if digits < 0:
         out[at], at = 45, at + 1
     elif style & 64:
@@ -45,19 +48,19 @@ def _compose(digits: Any, style: Any, out: Any, at: Any) -> Any:
     place = at + size + point - 1
     for n in range(size):
         if n == decimals and point:
-            out[place], place = 46, place - 1
+            out[place], place = mark, place - 1
         tenth = rest // np.uint64(10)
         out[place], place = np.uint64(48) + (rest - tenth * np.uint64(10)), place - 1
         rest = tenth
     if point and size == decimals:
-        out[at] = 46
+        out[at] = mark
     return at + size + point
 
 
 @lean
 def _read_style(data: Any, start: Any, end: Any, digits: Any, decimals: Any) -> Any:
     """Read the style of a word's number; odd is true for blanks in it, or a minus before zero."""
-    plus, point, before, leading = 0, 0, 0, 0
+    plus, point, before, leading, comma = 0, 0, 0, 0, 0
     odd = digits == 0 and data[start + 1] == 45
     for i in range(start + 1, end):
         c = data[i]
@@ -65,15 +68,15 @@ def _read_style(data: Any, start: Any, end: Any, digits: Any, decimals: Any) -> 
             if point == 0:
                 leading = 1 if before == 0 and c == 48 else leading
                 before += 1
-        elif c == 46:
-            point = 1
+        elif c in (44, 46):
+            point, comma = 1, COMMA if c == 44 else 0
         elif c == 43:
             plus = 1
         elif c != 45:
             odd = True
     width = before if before > 1 and leading else min(before, 1)
     odd = odd or width > 31
-    return decimals | 32 * point | 64 * plus | min(width, 31) << 7, odd
+    return decimals | 32 * point | 64 * plus | min(width, 31) << 7 | comma, odd
 
 
 @compiled

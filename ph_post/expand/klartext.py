@@ -30,8 +30,9 @@ _NESTED: Final = 19
 """Subprograms that may call each other (TNC 620; 8 of an iTNC 530)."""
 
 _NAME: Final = r"(\"[^\"]*\"|[^\s\"]+)"
-_CALL: Final = re.compile(rf"CALL\s+LBL\s*{_NAME}(\s+REP\s*(?:(\d+)\s*(?:/\s*\d+)?)?)?$")
-"""The second number of a repeat is how many are left, as the control shows it."""
+_CALL: Final = re.compile(rf"CALL\s+LBL\s*{_NAME}(?:\s+REP\s*(?:(\d+)\s*(?:/\s*\d+)?)?)?$")
+"""The second number of a repeat is how many are left, as the control shows it. REP without a number repeats nothing:
+posts for old controls write it where they call a subprogram."""
 _LABEL: Final = re.compile(rf"LBL\s*{_NAME}$")
 _JUMP: Final = re.compile(rf"FN\s*(?:9|10|11|12)\s*:\s*IF\s+(\S+)\s+(EQU|NE|GT|LT)\s+(\S+)\s+GOTO\s+LBL\s*{_NAME}$")
 _SET: Final = re.compile(r"(?:FN\s*(?:[0-8]|13)\s*:\s*)?(Q[LR]?\d+)\s*=\s*(.*)$")
@@ -158,7 +159,7 @@ class KlartextRunner:
             if label is not None and label[1] == "0" and self._calls:
                 self._at = self._calls.pop()
             elif call is not None:
-                self._call(index, call[1], call[3], repeats=call[2] is not None)
+                self._call(index, call[1], call[2])
             elif jump is not None and self._holds(jump[1], jump[2], jump[3]):
                 self._jump(index, jump[4])
             return True
@@ -166,17 +167,17 @@ class KlartextRunner:
             raise NotExpandableError(f"a part of the program's flow that is not followed: {words[:40]}")
         return False
 
-    def _call(self, index: int, name: str, times: str | None, *, repeats: bool) -> None:
+    def _call(self, index: int, name: str, times: str | None) -> None:
         target = self._find(name)
-        if not repeats:
+        if times is None:
             if len(self._calls) == _NESTED:
                 raise ExpandError(f"subprograms that call each other more than {_NESTED} deep")
             self._calls.append(index + 1)
             self._entered += 1
             self._at = target
             return
-        if times is None or target > index:
-            raise NotExpandableError("a repeat of a part that is not whole, or without a number")
+        if target > index:
+            raise NotExpandableError("a repeat of a part that is not whole")
         left = self._left.pop(index, int(times))
         if left > 0:
             self._left[index] = left - 1

@@ -32,7 +32,7 @@ class Spelling(Protocol):
         """Return the block that sets the centre of the circles behind it."""
 
     def ended(self, line: str, data: bytes, /) -> str:
-        """Return a new line as a program of these bytes ends its blocks."""
+        """Return a new line as a program of these bytes ends its blocks, and writes its numbers."""
 
 
 class Language(msgspec.Struct, frozen=True, kw_only=True):

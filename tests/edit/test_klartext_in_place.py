@@ -34,6 +34,23 @@ def test_what_is_added_is_conversational(name):
     assert [line for line in lines if line not in own and not shape.fullmatch(line)] == []
 
 
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_decimals_may_stand_behind_commas(name):
+    """As controls with German texts write them: what is added has commas too, and every byte comes back."""
+
+    def with_commas(text: str) -> str:
+        lines = [
+            line if line.startswith(";") else re.sub(r"(?<!DEF \d)\.(?=\d)", ",", line) for line in text.split("\n")
+        ]
+        return "\n".join(line for line in lines if not line.startswith("; ph-post"))
+
+    original = with_commas(PROGRAMS[name])
+    found = KLARTEXT.compensate(original.encode()).text
+    assert "," in original
+    assert with_commas(found.decode()) == with_commas(KLARTEXT.changed(name).text.decode())
+    assert undo(found, "part.h") == original.encode()
+
+
 def test_what_is_not_followed_keeps_every_byte():
     text, pocket = KLARTEXT.changed("pocket").text.decode(), PROGRAMS["pocket"]
     for stretch in (

@@ -129,6 +129,12 @@ def test_lines_keep_their_characters_but_for_values_and_flow() -> None:
     assert lines_of(CALCULATED)[15] == "15 L IX+4.1231 IY-0.2924 F13 ; ( Q1 )"
 
 
+def test_rep_without_a_number_calls_a_subprogram() -> None:
+    text = FLOW.replace("CALL LBL 20", "CALL LBL 20 REP")
+    assert text != FLOW
+    assert lines_of(text)[:21] == lines_of(FLOW)[:21]
+
+
 def test_points_that_are_no_number_are_carried() -> None:
     """Old cycles in Spanish are named in abbreviations: CYCL DEF 1.0 TALADRADO PROF."""
     parts = ("0 {}", "1 DIST. +2", "2 PROF. -6", "3 APROX. +2", "4 T.ESPR 0", "5 F200")

@@ -70,7 +70,7 @@ _LANGUAGE: Final = TncLanguage(
     expected_head="0 BEGIN PGM, a name, and MM or INCH",
     label=re.compile(r"^LBL\s*(\"[^\"]*\"|\d+)"),
     calls={
-        REPEATED: re.compile(r"^CALL\s+LBL\s*(\"[^\"]*\"|\d+)\s+REP"),
+        REPEATED: re.compile(r"^CALL\s+LBL\s*(\"[^\"]*\"|\d+)\s+REP\s*\d"),
         JUMPED: re.compile(r"GOTO\s+LBL\s*(\S+)"),
     },
     called=re.compile(r"^CALL\s+LBL\s*(\"[^\"]*\"|\d+)$"),

@@ -9,12 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from decimal import Decimal
+from functools import lru_cache
 from typing import Final
 
 from ph_post.dialects.wordrows import OTHER, WordRows, sum_of
 from ph_post.gcode.program import AXES, CENTERS
 
-_NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)"
+_NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
 _PREFIX: Final = re.compile(r"\s*(?:\d+(?=\s|$))?\s*")
 _KEYWORD: Final = re.compile(r"(?:CC|CR|CP|C|L)(?![A-Z])", re.IGNORECASE)
 _TOKEN: Final = re.compile(
@@ -58,13 +59,13 @@ class KlartextRows(WordRows):
         dwell, tool = _DWELL.match(bare), _TOOL.match(bare)
         if dwell is not None:
             self.put(block, "G", base, base + len("CYCL"), Decimal(4))
-            self.put(block, "P", base + dwell.start(1) - 1, base + dwell.end(1), Decimal(dwell[1]))
+            self.put(block, "P", base + dwell.start(1) - 1, base + dwell.end(1), _decimal(dwell[1]))
         elif _FUNCTIONS.fullmatch(bare):
             self._words(block, base, bare, feed, centre=False)
         elif keyword is None:
             self.put(block, OTHER, base, base + len(bare), sum_of(bare))
             if tool is not None:
-                self.put(block, "F", base + tool.start(1) - 1, base + tool.end(1), Decimal(tool[1]))
+                self.put(block, "F", base + tool.start(1) - 1, base + tool.end(1), _decimal(tool[1]))
         elif keyword[0].upper() == "CC":
             self._words(block, base, bare, feed, centre=True)
         else:
@@ -83,7 +84,7 @@ class KlartextRows(WordRows):
                 plain = not found["step"] and axis in AXES
                 self.put(block, letter, base + found.start("axis"), end, _decimal(found["number"]) if plain else None)
             elif found["radius"]:
-                self.put(block, "R", start, end, Decimal(found["length"]))
+                self.put(block, "R", start, end, _decimal(found["length"]))
             elif found["feed"]:
                 self.put(block, "F", start, end, _decimal(found["speed"]) if feed is None else feed)
             elif found["function"]:
@@ -91,8 +92,8 @@ class KlartextRows(WordRows):
 
 
 def _decimal(text: str) -> Decimal | None:
-    """Return a number; None of a parameter, and where there is a comma."""
-    return Decimal(text) if re.fullmatch(_NUMBER, text) else None
+    """Return a number, whose decimals may stand behind a comma; None of a parameter."""
+    return Decimal(text.replace(",", ".")) if re.fullmatch(_NUMBER, text) else None
 
 
 _PLACES: Final = {center: axis for axis, center in CENTERS.items()}
@@ -151,6 +152,27 @@ class KlartextSpelling:
         """Return the block of a circle's centre."""
         return " ".join(["CC", *place])
 
-    def ended(self, line: str, _data: bytes) -> str:
-        """Return a new line as it is: blocks have no mark at their ends."""
-        return line
+    def ended(self, line: str, data: bytes) -> str:
+        """Return a new line with the decimals where the program has them: behind commas, if it has none behind points.
+
+        Examples
+        --------
+        >>> KlartextSpelling().ended("8 L X+5.25 R0 F79.5 ; 0.5", b"7 L X+1,500 R0 F100")
+        '8 L X+5,25 R0 F79,5 ; 0.5'
+        """
+        if not _writes_commas(data):
+            return line
+        number, words, comment = parts_of(line)
+        return number + _POINT.sub(",", words) + comment
+
+
+_POINT: Final = re.compile(r"(?<=[A-Z+\-\d])(?<!DEF \d)(?<!DEF \d\d)\.(?=\d)")
+"""A decimal point, and not that of the number of a cycle's block."""
+
+_PLACED: Final = re.compile(rb"(?<![A-Z])[XYZ][ \t]*[-+]?\d*([.,])\d", re.IGNORECASE)
+
+
+@lru_cache(maxsize=2)
+def _writes_commas(data: bytes) -> bool:
+    """Return whether the places of a program have their decimals behind commas, and none behind points."""
+    return {found[1] for found in _PLACED.finditer(data)} == {b","}
