@@ -213,7 +213,7 @@ def played_places(dialect: str, data: bytes, *, turned: bool | None = None) -> t
             read, _ = _taken(read)
         if dialect == "fanuc":
             read = _UNDOTTED.sub(lambda found: f"{found[1]}{float(found[2]) / THOUSAND}", read)
-        laid = _laid(read) if dialect in PRINTERS else None
+        laid = _laid(read) if dialect in PRINTERS else _turning(read)
         runs = [
             [interpret(read, one, spiral=True, released=other, own_center=incremental) for incremental in (True, False)]
             for one, other in begins
@@ -298,11 +298,26 @@ def _laid(text: str) -> set[int] | None:
     return found or None
 
 
+def _turning(text: str) -> set[int] | None:
+    """Numbers of the lines in which the spindle turns; None where a program does not switch it on and off.
+
+    A move in a line that stops it ends before, and nobody knows of the lines before the first that says something.
+    """
+    found, turns, said = set(), True, set()
+    for number, line in enumerate(text.splitlines(), 1):
+        orders = {order.lstrip("0") for order in re.findall(r"M(\d+)(?![\d.])", re.sub(r"\([^)]*\)|;.*", "", line))}
+        said |= orders & {"3", "4", "5"}
+        turns = (turns or bool(orders & {"3", "4"})) and ("5" not in orders or bool(orders & {"3", "4"}))
+        if turns:
+            found.add(number)
+    return found if "5" in said and len(said) > 1 else None
+
+
 def _sampled(runs: list[list[Move]], laid: set[int] | None = None) -> tuple[np.ndarray, np.ndarray] | None:
     """Return places, and whether the tool cuts there, of moves that lead from several places at the beginning.
 
-    A move that leads from where the machine happens to stand is no more than a rapid to its end, and one of a printer
-    in another line than those `laid` no more than one through the air.
+    A move that leads from where the machine happens to stand is no more than a rapid to its end, and one in another
+    line than those `laid` no more than one through the air: nothing is laid there, or the spindle stands.
     """
     moving = [same for same in zip(*runs, strict=True) if any(move.length > 0.0 for move in same)]
     if not moving:

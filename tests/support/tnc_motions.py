@@ -28,6 +28,7 @@ class TncRun(Played):
         self._unit = 25.4 if re.search(r"^\s*\d*\s*BEGIN PGM .* IN(?:CH)?\s*$", text, re.MULTILINE) else 1.0
         for line in text.splitlines():
             bare = re.sub(r"^\s*\d+\s+", "", line).split(";")[0].strip()
+            bare = re.sub(r"(?<=\d),(?=\d)", ".", bare)
             if bare.startswith("END PGM"):
                 break
             self._line(bare)
