@@ -54,6 +54,9 @@ MOST: Final = 0.48
 HALF: Final = 0.5
 """One that leaves a larger part is not made: the plain program leaves as much."""
 
+THROUGH: Final = 0.9
+"""Part of the backlash that a motor has gone through where its axis counts as having crossed it."""
+
 NEARLY: Final = 0.98
 """Part of the largest offset of its axis that a crossing leaves at most: what is declared is rounded."""
 
@@ -330,10 +333,9 @@ class CrossingPlanner:
         own = spot.shape.beyond if not spot.calm else 0.0
         before, after = float(spot.before[spot.column]), float(spot.after[spot.column])
         gap = abs(after - before)
-        if knots.aside and error > FINE * ERROR:
-            return None
         # The check wants none farther from the path than an offset is.
-        if error > min((HALF + own) * gap, NEARLY * max(abs(before), abs(after))):
+        most = min((HALF + own) * gap, NEARLY * max(abs(before), abs(after)), FINE * ERROR if knots.aside else math.inf)
+        if error > most or not self._goes_through(knots, points, spot, gap):
             return None
         parts = self._parts(knots, points, places, coarse=error > FINE * ERROR + own * gap and not knots.exact)
         if not all(self._divisible[part.motion] for part in parts):
@@ -346,6 +348,16 @@ class CrossingPlanner:
             error=error,
             behind=knots.exact and not spot.calm,
         )
+
+    def _goes_through(self, knots: _Knots, points: Array, spot: CrossingPlace, gap: float) -> bool:
+        """Return whether the motor goes through its backlash up to the end of the motion in which the crossing ends.
+
+        It does not where its axis turns back a little and then goes on as it went: the check would see no crossing.
+        """
+        last = min(int(np.searchsorted(self._along, knots.s[-1], side="left")), self._along.size - 1)
+        end = points_along(self._view, self._along, self._along[last : last + 1])[0] + spot.after
+        way = spot.sign * np.append(points[:, spot.column], end[spot.column])
+        return bool((way[-2:] - way.min() >= THROUGH * gap).any())
 
     def _executed(self, knots: _Knots, spot: CrossingPlace) -> tuple[Array, float, Array]:
         """Return the points at the knots (n, 3) [m], and what :meth:`_followed` says of the table."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import random
 import re
 from pathlib import Path
 
@@ -425,6 +426,21 @@ def test_an_axis_that_increments_alone_lift_at_the_end_is_left_where_it_is() -> 
     assert re.findall("^G.*Z.*", found.text.decode(), re.MULTILINE) == ["G1 X10 Y10 Z5 E-5"]
     assert found.edits.amplitude.keys() == {"X", "Y"}
     assert undo(found.text, "part.gcode") == text.encode()
+
+
+@pytest.mark.parametrize("seed", [6, 24, 33, 56, 65])
+def test_a_crossing_from_which_its_axis_goes_on_as_before_is_a_stop(seed: int) -> None:
+    """Between beads that hardly turn back the motor did not go through its backlash, and the check saw no crossing."""
+    rng, x, y, filament, beads = random.Random(seed), 60.0, 30.0, 0.0, []
+    for _ in range(60):
+        x -= rng.uniform(0.2, 3.0)
+        y += rng.choice((-1, 1)) * rng.choice((0.008, 0.008, 0.012, 0.03, 0.06, 0.2))
+        filament += 0.03
+        beads.append(f"G1 X{x:.3f} Y{y:.3f} E{filament:.4f} F3000\n")
+    text = f"G90\nM82\nG92 E0\nG0 X60 Y30 Z0.3 F3000\n{''.join(beads)}G0 Z5\n"
+    found = compensate(text.encode(), machine("klipper"), dialect="klipper", max_slowdown=0.2)
+    assert found.edits.crossings
+    assert verify(found.program, reread(found.program, found.text), tolerance=5e-6, machine=machine("klipper")).ok
 
 
 def test_increments_lead_on_from_a_place_that_is_named() -> None:
