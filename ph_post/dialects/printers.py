@@ -72,6 +72,10 @@ _NAMED_STILL: Final = frozenset(
 """Extended commands that Klipper's docs/G-Codes.md describes without motion or change of the coordinates; Marlin does
 not know them, for which slicers' programs for Klipper are often taken. All others may be macros, which do anything."""
 
+_RETURNING: Final = frozenset((b"TIMELAPSE_TAKE_FRAME",))
+"""Macros of Klipper that everyone has alike, and that may park the head and then bring it back to its place, with all
+modes and the feed as they were (moonraker-timelapse, `klipper_macro/timelapse.cfg`): slicers write it at each layer."""
+
 _TEXTS: Final = frozenset((b"M117", b"M118", b"M486"))
 """Those behind which text stands."""
 
@@ -97,6 +101,18 @@ def reader_of(arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], 
         return _LINE.sub(lambda one: (_passed if first <= one.start() < last else change)(one[0]), data)
 
     return hide
+
+
+def returns(line: bytes) -> bool:
+    """Return whether a line is a macro that leaves all modes as they were.
+
+    Examples
+    --------
+    >>> returns(b"TIMELAPSE_TAKE_FRAME"), returns(b"PARK_HEAD")
+    (True, False)
+    """
+    name = _NAME.match(line)
+    return name is not None and name[1].upper() in _RETURNING
 
 
 def why_bound(line: bytes) -> str:
@@ -148,7 +164,8 @@ def _hidden(line: bytes, arcs: bytes, foreign: bytes, *, small: bool) -> bytes:
     if found is None:
         name = _NAME.match(code)
         quiet = name is not None and name[1].upper() in _NAMED_STILL
-        return (b" " * len(code) if quiet else _marked(code, foreign)) + mark + comment
+        mode = b"$@" if returns(code) else foreign
+        return (b" " * len(code) if quiet else _marked(code, mode)) + mark + comment
     word = found[1].upper() + (found[2].lstrip(b"0") or b"0")
     if not small and word in _READ and code != code.upper():
         return _doubted(code) + mark + comment

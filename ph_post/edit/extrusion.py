@@ -18,6 +18,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from ph_post.dialects.printers import returns
 from ph_post.gcode.motion_parts import chord_lengths
 from ph_post.gcode.numbers import decimal_text
 from ph_post.gcode.program import PartProgram
@@ -128,23 +129,22 @@ def filament_of(program: PartProgram) -> Mapping[int, Filament]:
     found: dict[int, Filament] = {}
     if program.language.bound is None:
         return found
-    places = shows_places(program)
+    places, keeps = shows_places(program), program.language.name.startswith("marlin")
     mode = _Mode(relative=False if places else None, places=places)
-    passed = iter(sorted(note.last for note in program.notes))
-    unknown = next(passed, program.blocks)
+    passed = iter(sorted((note.last, note.first) for note in program.notes))
+    nothing = program.blocks, program.blocks
+    unknown, first = next(passed, nothing)
     starts, line = program.lines.tolist(), 0
     for match in _COMMAND.finditer(program.data):
         while starts[line + 1] <= match.start():
             line += 1
-        if line > unknown:
-            # What is not understood may have changed everything: in Klipper it is often a macro. Marlin's words change
-            # no mode of E, but perhaps where it is.
-            if program.language.name.startswith("marlin"):
-                mode.at = None
-            else:
+        # What is not understood may have changed everything: in Klipper it is often a macro. Marlin's words change no
+        # mode of E, but perhaps where it is.
+        while line > unknown:
+            mode.at = None
+            if not (keeps or all(returns(program.text(one)) for one in range(first, unknown + 1))):
                 mode = _Mode()
-            while unknown < line:
-                unknown = next(passed, program.blocks)
+            unknown, first = next(passed, nothing)
         name, word = _name(match[1]), _WORD.search(match[2])
         if name[:1] == "M" or name in ("G90", "G91"):
             mode.set(name)

@@ -129,7 +129,8 @@ def test_a_line_of_printer_firmware(line: str, expected: str, dialect: str) -> N
     ("line", "marlin", "klipper"),
     [
         ("START_PRINT BED=60", "$@", "$"),
-        ("TIMELAPSE_TAKE_FRAME", "$@", "$"),
+        ("TIMELAPSE_TAKE_FRAME", "$@", "$@"),
+        ("PARK_HEAD", "$@", "$"),
         ("G2 X1 Y1 R5", "G2 X1 Y1 R5", "$@"),
         ("X5 Y5", "$@", "$"),
         ("G28_ALL", "$@", "$"),

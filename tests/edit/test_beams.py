@@ -406,10 +406,12 @@ def test_a_print_that_begins_with_a_bead_has_its_axes_led_onto_their_first_sides
         ("M83\nG91\n", True),
         ("", False),
         ("M83\nSTART_PRINT\n", False),
+        ("M83\nTIMELAPSE_TAKE_FRAME\n", True),
+        ("M83\nTIMELAPSE_TAKE_FRAME\nSTART_PRINT\n", False),
         ("M83\nG92 X0\n", True),
         (f"M83\nG{5000 * '0'}1 X1 E{5000 * '1'} F900\n", True),
     ],
-    ids=range(11),
+    ids=range(13),
 )
 def test_the_mode_of_e_is_certain_or_nothing_is_divided(modes: str, certain: bool) -> None:
     text = f"G90\n{modes}G92 E0\nG1 X10 E1 F900\nG1 X0 E2\n"
