@@ -426,3 +426,12 @@ def test_a_refusal_shows_no_control_characters() -> None:
     with pytest.raises(InputError) as found:
         read_as("heidenhain-iso", b"N10 \x0bG30 X1\n", "a.i")
     assert len(str(found.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("call", ["CALL LBL 1", "CALL LBL 1 REP"])
+def test_a_part_that_is_called_again_is_left_as_it_is(call: str) -> None:
+    """It moves from another place then; REP without a number calls it as well."""
+    part = "LBL 1\nL Z-4 R0 F100\nL X+12 F200\nL X+2\nLBL 0\n"
+    text = f"BEGIN PGM A MM\nL X+0 Y+0 Z+2 R0 FMAX M3\n{part}L X+40 Y+9 FMAX\n{call}\nL Z+2 FMAX M30\nEND PGM A MM\n"
+    found = read_as("heidenhain", text.encode(), "a.h").notes
+    assert [(note.first, note.last) for note in found] == [(2, 6), (8, 8)]

@@ -73,7 +73,7 @@ _LANGUAGE: Final = TncLanguage(
         REPEATED: re.compile(r"^CALL\s+LBL\s*(\"[^\"]*\"|\d+)\s+REP\s*\d"),
         JUMPED: re.compile(r"GOTO\s+LBL\s*(\S+)"),
     },
-    called=re.compile(r"^CALL\s+LBL\s*(\"[^\"]*\"|\d+)$"),
+    called=re.compile(r"^CALL\s+LBL\s*(\"[^\"]*\"|\d+)(?:\s+REP)?$"),
     ends=re.compile(r"^LBL\s*0$"),
     rows=KlartextRows,
 )
