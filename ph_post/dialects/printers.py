@@ -202,7 +202,7 @@ _NO_CENTRE: Final = re.compile(rb"[Kk][ \t]*[-+]?0*\.?0*(?![\d.])[ \t]*")
 """A distance of an arc's centre across its plane that is nothing, as FreeCAD writes it: whatever the plane, none
 is taken where it is not told."""
 
-_TURNS: Final = re.compile(rb"[Pp][ \t]*\d+(?![\d.])")
+_TURNS: Final = re.compile(rb"[Pp][ \t]*\d+(?![\d.])[ \t]*")
 """How often a circle is gone round (Marlin, "G2-G3"; Klipper passes over it): back where it began it leads to the same
 place. Slicers lift the nozzle so, with P1."""
 
@@ -216,10 +216,8 @@ def once_round(line: str) -> str:
     'G3 X8.4 Y1.2 Z.8 I-.4 J1.1 F900 ; P1'
     """
     command, mark, comment = line.partition(";")
-    return _TURN_WORD.sub("", command) + mark + comment
+    return _TURNS.sub(b"", command.encode("latin-1")).decode("latin-1") + mark + comment
 
-
-_TURN_WORD: Final = re.compile(r"[Pp][ \t]*\d+(?![\d.])[ \t]*")
 
 _NO_FEED: Final = re.compile(rb"[Ff][ \t]*\+?(?:0+\.?0*|\.0+)(?![\d.])")
 """A feed of 0, which Marlin passes over (gcode.cpp, get_destination_from_command); Klipper ends the program there."""
