@@ -18,7 +18,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import product
+from itertools import accumulate, pairwise, product
+from operator import mul, truediv
 from typing import Any, Final
 
 import msgspec
@@ -300,7 +301,7 @@ class CrossingShape(msgspec.Struct, frozen=True, kw_only=True):
         return (2.0 - 1.0 / steps) * self.ramp
 
 
-def stair(up: int, down: int, travel: float, before: float, after: float) -> tuple[Array, Array]:
+def stair(up: int, down: int, travel: float, before: float, after: float) -> tuple[list[float], list[float]]:
     """Return the corners of the broken line by which a motor crosses, its slope changing in equal steps.
 
     From the slope `before` in `up` equal steps to the largest, and in `down` equal ones to `after`. The pieces are in
@@ -317,13 +318,13 @@ def stair(up: int, down: int, travel: float, before: float, after: float) -> tup
 
     Returns
     -------
-    places, travelled : Array, shape (up + down,)
+    places, travelled : list of up + down floats
         From 0 to 1, and from 0 to `travel`.
 
     Examples
     --------
     >>> places, travelled = stair(2, 2, 1.0, 0.0, 0.0)
-    >>> places.round(3).tolist(), travelled.round(3).tolist()
+    >>> [round(place, 3) for place in places], [round(way, 3) for way in travelled]
     ([0.0, 0.333, 0.667, 1.0], [0.0, 0.25, 0.75, 1.0])
     """
     p, q = 1.0 / up, 1.0 / down
@@ -331,17 +332,17 @@ def stair(up: int, down: int, travel: float, before: float, after: float) -> tup
     rest = travel * ((2.0 - p) * before + (2.0 - q) * after) - (1.0 - p) * before**2 - (1.0 - q) * after**2
     fastest = 0.5 * (half + math.sqrt(max(half * half - 2.0 * rest, 0.0)))
     rise, fall = p * (fastest - before), q * (fastest - after)
-    pieces = np.array([rise] * (up - 1) + [0.5 * (rise + fall)] + [fall] * (down - 1))
-    steps = np.append(np.arange(1 - up, 1) * rise, np.arange(1, down) * -fall)
-    if not pieces.any():  # one slope all along: nothing changes at the joints
-        pieces[:] = 1.0
-    pieces /= pieces.sum()
-    return np.append(0.0, np.cumsum(pieces)), np.append(0.0, np.cumsum(pieces * (fastest + steps)))
+    pieces = [rise] * (up - 1) + [0.5 * (rise + fall)] + [fall] * (down - 1)
+    slopes = [fastest + step * rise for step in range(1 - up, 1)] + [fastest - step * fall for step in range(1, down)]
+    *_, whole = accumulate(pieces)
+    # With one slope all along nothing changes at the joints: the pieces are as long as each other.
+    pieces = [piece / whole for piece in pieces] if whole != 0.0 else [1.0 / len(pieces)] * len(pieces)
+    return [0.0, *accumulate(pieces)], [0.0, *accumulate(map(mul, pieces, slopes))]
 
 
 def fastest_stair(
     slopes: Sequence[float], length: float, turn: float, time: float, shortest: float
-) -> tuple[Array, Array, float]:
+) -> tuple[list[float], list[float], float]:
     """Return the :func:`stair` of up to :data:`STEPS` steps that an exact path's controller passes fastest.
 
     Parameters
@@ -357,7 +358,7 @@ def fastest_stair(
 
     Returns
     -------
-    places, travelled : Array, shape (n,)
+    places, travelled : list of float
         As of :func:`stair`.
     speed : float
         [m/s].
@@ -366,11 +367,12 @@ def fastest_stair(
     found = None
     for up, down in sorted(product(range(1, STEPS + 1), repeat=2), key=sum):
         places, travelled = stair(up, down, slope, before, after)
-        pieces = np.diff(places)
-        if up + down > 2 and pieces.min() * length < shortest:
+        pieces = [end - begin for begin, end in pairwise(places)]
+        if up + down > 2 and min(pieces) * length < shortest:
             continue
-        joints = np.diff(np.concatenate([[before], np.diff(travelled) / pieces, [after]]))
-        speed = min(turn / max(float(np.abs(joints).max()), _LEAST_PART), float(pieces.min()) * length / time)
+        ways = [end - begin for begin, end in pairwise(travelled)]
+        bends = [abs(b - a) for a, b in pairwise([before, *map(truediv, ways, pieces), after])]
+        speed = min(turn / max(*bends, _LEAST_PART), min(pieces) * length / time)
         if found is None or speed > FASTER * found[2]:
             found = places, travelled, speed
     assert found is not None

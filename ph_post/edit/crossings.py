@@ -180,12 +180,12 @@ def _stretch(way: Array, passed: Array, points: Array) -> float:
     return 1.0 + CAUTIOUS * max(float((ways / np.where(ways > 0.0, along, 1.0)).min()) - 1.0, 0.0)
 
 
-def _long_stair(steps: int, slopes: Sequence[float], least: float) -> tuple[Array, Array]:
+def _long_stair(steps: int, slopes: Sequence[float], least: float) -> tuple[list[float], list[float]]:
     """Return the corners of a :func:`stair` of up to so many steps, of which no piece is shorter than `least`."""
     before, slope, after = slopes
     up = down = steps
     share, travelled = stair(up, down, slope, before, after)
-    while min(up, down) > 0 and max(up, down) > 1 and np.diff(share).min() < least:
+    while min(up, down) > 0 and max(up, down) > 1 and min(b - a for a, b in pairwise(share)) < least:
         if down > 1 and (up == 1 or share[1] > share[-1] - share[-2]):
             down -= 1
         else:
@@ -383,8 +383,10 @@ class CrossingPlanner:
         """Move an end of a crossing and the joint next to it, where both are inside of a helix; not the one beyond."""
         motions, step, s = self._motions, self._step, np.array(knots.s)
         k = self._locate(min(s[end], s[joint]) + NOTHING)[0]
+        if motions.kind[k] != ARC:
+            return
         across = plane_columns(motions.plane[k : k + 1])[0, 2]
-        if motions.kind[k] != ARC or not abs(motions.end[k, across] - motions.start[k, across]) > step:
+        if not abs(motions.end[k, across] - motions.start[k, across]) > step:
             return
         outer = s[end] + np.arange(-TURNED, TURNED + 1) * step
         inner = s[joint] + np.arange(-BESIDE, BESIDE + 1) * step
@@ -605,10 +607,10 @@ class CrossingPlanner:
             least = max(spot.shape.least * knots.speed[middle], shortest) / (last - first)
             share, travelled = _long_stair(steps, slopes, least)
             speed = FREELY * knots.speed[middle]
-        places = (first + share * (last - first))[1:-1]
+        places = first + np.array(share[1:-1]) * (last - first)
         way = (
             motor[1]
-            + turn * travelled[1:-1] * (last - first)
+            + turn * np.array(travelled[1:-1]) * (last - first)
             - points_along(self._view, self._along, places)[:, column]
         )
         between = [np.where(np.arange(len(AXES)) == column, x, knots.added[middle]) for x in way.tolist()]
@@ -616,7 +618,7 @@ class CrossingPlanner:
         knots.added[middle:middle] = between
         knots.line[middle:middle] = [True] * len(between)
         knots.speed[middle : middle + 1] = [min(speed, knots.speed[0])] * (len(between) + 1)
-        knots.crosses = range(middle, middle + share.size - 1)
+        knots.crosses = range(middle, middle + len(share) - 1)
         return knots
 
     def _motor_at(self, knots: _Knots, spot: CrossingPlace) -> tuple[Array, Array, list[float]]:
@@ -639,12 +641,12 @@ class CrossingPlanner:
         return s, motor, (float(spot.sign) * np.diff(motor) / np.diff(s)).tolist()
 
     def _motion_at(self, s: float) -> int:
-        k = int(np.searchsorted(self._along, s, side="right")) - 1
+        k = int(self._along.searchsorted(s, side="right")) - 1
         return min(max(k, 0), self._motions.kind.size - 1)
 
     def _locate(self, s: float) -> tuple[int, float]:
         """Return motion and share of a place; at a joint the end of the one before it."""
-        k = int(np.searchsorted(self._along, s, side="left")) - 1
+        k = int(self._along.searchsorted(s)) - 1
         k = min(max(k, 0), self._motions.kind.size - 1)
         low, high = float(self._along[k]), float(self._along[k + 1])
         return k, (s - low) / (high - low) if high > low else 1.0

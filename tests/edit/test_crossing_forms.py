@@ -299,7 +299,7 @@ def test_rounded_joints_of_a_crossing_touch_each_other_at_one_acceleration(
 @pytest.mark.parametrize("slope", [0.0, 0.25])
 def test_a_motor_that_keeps_its_slope_goes_straight(up: int, down: int, slope: float) -> None:
     places, travelled = stair(up, down, slope, slope, slope)
-    assert travelled == pytest.approx(slope * places)
+    assert travelled == pytest.approx(slope * np.array(places))
     assert (np.diff(places) > 0.0).all()
     assert places[-1] == pytest.approx(1.0)
 
