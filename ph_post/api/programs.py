@@ -40,7 +40,7 @@ from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.affordable import SPARE
 from ph_post.edit.cutter_contours import LEFT
-from ph_post.edit.edits import EditOptions, Edits, merge_edits, no_offsets
+from ph_post.edit.edits import CrossingEdit, EditOptions, Edits, merge_edits, no_offsets
 from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.preconditions import reckoned_feeds, require_tool, require_words, warn_centres, warn_reckoned
 from ph_post.edit.reversal_search import stretch_words
@@ -450,10 +450,7 @@ class _PlanSearch:
         """Keep a plan that is good, and better than the one before it; return the options of another to be tried."""
         assert made.edits is not None
         assert made.motions is not None
-        behind = any(one.behind for one in made.edits.crossings)
         if made.verdict is None or not made.verdict.ok:
-            if behind:
-                return replace(options, plain_corners=True)
             return self._without_failed(made, refused, options)
         judged = self._compared(made.motions[1], made.edits, options)
         if judged is None:
@@ -463,7 +460,7 @@ class _PlanSearch:
         if judged.planned > self._largest:
             self._largest, self._pace = judged.planned, max(1.0, judged.slowdown / judged.planned)
         if judged.worse:
-            again = self._stopping(options, judged, behind=behind)
+            again = self._stopping(options, judged, behind=any(one.behind for one in made.edits.crossings))
         else:
             self._enough = min(self._enough, judged.slowdown)
             # One axis alone may leave the part worse than none, which nothing shows where errors are not simulated.
@@ -580,10 +577,12 @@ class _PlanSearch:
         original, verdict = self._original, made.verdict and _with_miscounts(made, made.verdict)
         places = refused if verdict is None else _failed_places(original, made.after, verdict)
         assert made.edits is not None
-        standing = _crossed_in(made.edits, places)
-        if not standing and verdict is not None:
-            standing = _crossed_in(made.edits, _changed_places(original, made.after, verdict))
-        standing -= options.standing
+        crossed = _crossed_in(made.edits, places)
+        if not crossed and verdict is not None:
+            crossed = _crossed_in(made.edits, _changed_places(original, made.after, verdict))
+        if any(one.behind for one in crossed or made.edits.crossings):
+            return replace(options, plain_corners=True)
+        standing = frozenset(part.motion for one in crossed for part in one.parts) - options.standing
         if standing and (verdict is None or verdict.found == len(verdict.failures)):
             return replace(options, standing=options.standing | standing)
         if self._best is not None:
@@ -677,11 +676,14 @@ def _crosses(edits: Edits) -> bool:
     return bool(edits.crossings or edits.dips or any(one.whole for stop in edits.stops for one in stop.shifts))
 
 
-def _crossed_in(edits: Edits, places: Places) -> frozenset[int]:
-    """Return the motions of the crossings that lie on any of the motions between places."""
-    crossed = [{part.motion for part in one.parts} for one in edits.crossings]
-    found = [one for one in crossed if any(min(one) <= last and first <= max(one) for first, last in places)]
-    return frozenset().union(*found)
+def _crossed_in(edits: Edits, places: Places) -> list[CrossingEdit]:
+    """Return the crossings that lie on any of the motions between places."""
+    found = []
+    for one in edits.crossings:
+        begin, end = one.parts[0].motion, one.parts[-1].motion
+        if any(begin <= last and first <= end for first, last in places):
+            found.append(one)
+    return found
 
 
 def _changed_places(program: PartProgram, after: PartProgram, verdict: Verdict) -> Places:

@@ -350,14 +350,15 @@ class CrossingPlanner:
         )
 
     def _goes_through(self, knots: _Knots, points: Array, spot: CrossingPlace, gap: float) -> bool:
-        """Return whether the motor goes through its backlash up to the end of the motion in which the crossing ends.
+        """Return whether the motor goes through its backlash before the next crossing may begin, on the same motion.
 
         It does not where its axis turns back a little and then goes on as it went: the check would see no crossing.
         """
-        last = min(int(np.searchsorted(self._along, knots.s[-1], side="left")), self._along.size - 1)
-        end = points_along(self._view, self._along, self._along[last : last + 1])[0] + spot.after
+        motion_end = self._along[min(int(self._along.searchsorted(knots.s[-1])), self._along.size - 1)]
+        last = max(min(float(motion_end), spot.bound[1]), knots.s[-1])
+        end = points_along(self._view, self._along, np.array([last]))[0] + spot.after
         way = spot.sign * np.append(points[:, spot.column], end[spot.column])
-        return bool((way[-2:] - way.min() >= THROUGH * gap).any())
+        return bool((way[-2:] - way.min() >= THROUGH * gap + self._step).any())
 
     def _executed(self, knots: _Knots, spot: CrossingPlace) -> tuple[Array, float, Array]:
         """Return the points at the knots (n, 3) [m], and what :meth:`_followed` says of the table."""
