@@ -285,3 +285,14 @@ def test_feet_are_in_order_and_near_their_vertices() -> None:
             c * foot[:, None] ** j * (1 - foot[:, None]) ** (5 - j) * fit.control[k, j, :2] for j, c in enumerate(basis)
         )
         assert np.linalg.norm(value - points[a:b], axis=1).max() <= TOLERANCE
+
+
+@pytest.mark.parametrize("count", [8, 12, 17, 40])
+@pytest.mark.parametrize("radius", [0.004, 0.009, 0.02])
+def test_small_closed_curves_behind_a_corner_are_followed(count: int, radius: float) -> None:
+    """As round a pad of a board: with all but both ends too near, and those in one place, there was no tangent."""
+    points = np.vstack([[-0.3 * MM, 0.0], circle(count + 1, radius)])
+    track = track_of(points)
+    drawn = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    assert drawn <= track.length * (1.0 + 1e-9) <= 1.1 * drawn
+    assert distance_to_polyline(points, samples(track)[:, :2]).max() < 0.1 * radius * MM

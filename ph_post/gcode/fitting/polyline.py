@@ -63,8 +63,11 @@ def _stencil(along: Array, first: int, last: int, k: int, base: float, out: IntA
 
 
 @lean
-def _differentiate(points: Array, along: Array, which: IntArray, count: int, out: Array) -> None:
-    """Write the unit tangent at vertex which[0]: the derivative of the polynomial through all (Lagrange)."""
+def _differentiate(points: Array, along: Array, which: IntArray, count: int, out: Array) -> bool:
+    """Write the unit tangent at vertex which[0]: the derivative of the polynomial through all (Lagrange).
+
+    Return False where it has none, as where both ends of a small closed curve are all that is far enough apart.
+    """
     out[0] = out[1] = out[2] = 0.0
     here = along[which[0]]
     for j in range(1, count):
@@ -77,8 +80,11 @@ def _differentiate(points: Array, along: Array, which: IntArray, count: int, out
         for axis in range(3):
             out[axis] += weight * (points[which[j], axis] - points[which[0], axis])
     size = math.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2)
+    if size == 0.0:
+        return False
     for axis in range(3):
         out[axis] /= size
+    return True
 
 
 @inner
@@ -137,9 +143,11 @@ def _tangents(points: Array, corners: BoolArray, lines: BoolArray, tolerance: fl
         for k in range(first, last + 1):
             count = _stencil(along, first, last, k, BASE * tolerance, which)
             side = 0 if k == last else 1
-            _differentiate(points, along, which, count, tangent[k, side])
-            if count > FEW and _strays(points, turn, first, last, k, tolerance, tangent[k, side]):
-                _differentiate(points, along, which, FEW, tangent[k, side])
+            found = _differentiate(points, along, which, count, tangent[k, side])
+            if count > FEW and (not found or _strays(points, turn, first, last, k, tolerance, tangent[k, side])):
+                found = _differentiate(points, along, which, FEW, tangent[k, side])
+            if not found:
+                _chord(points, min(k, last - 1), min(k, last - 1) + 1, tangent[k, side])
             if first < k < last:
                 for axis in range(3):
                     tangent[k, 0, axis] = tangent[k, 1, axis]
