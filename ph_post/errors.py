@@ -43,6 +43,17 @@ class InputError(PhPostError):
         self.excerpt = excerpt
 
 
+def printable(text: str) -> str:
+    r"""Return a text as a terminal shows it, a column a character: what is in a file may steer a terminal.
+
+    Examples
+    --------
+    >>> printable("G1\tX5\x00\x1b[2J")
+    'G1 X5??[2J'
+    """
+    return "".join(c if c.isprintable() else " " if c == "\t" else "?" for c in text)
+
+
 def out_of_range(
     where: str, got: object, low: float = -math.inf, *, open_low: bool = False, high: float = math.inf
 ) -> InputError:

@@ -11,9 +11,11 @@ from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
+from msgspec.structs import force_setattr
 from numpy.typing import NDArray
 
 from ph_post.bounds import MANY_LINES, give_memory_back, in_parts
+from ph_post.errors import printable
 from ph_post.gcode import codes
 from ph_post.gcode.language import RS274, Language
 from ph_post.types import Array, BoolArray, IntArray, sealed
@@ -348,6 +350,10 @@ class Note(msgspec.Struct, frozen=True, kw_only=True):
     what: str
     refusal: tuple[str, str, str] | None = None
     why: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.what.isprintable():
+            force_setattr(self, "what", printable(self.what))
 
 
 class Modal(msgspec.Struct, frozen=True, kw_only=True):

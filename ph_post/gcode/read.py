@@ -286,7 +286,7 @@ def _misses_centres(program: PartProgram) -> bool:
 
 def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartProgram:
     """Read a program of words."""
-    lines = lines_of(data, name)
+    lines = lines_of(data, name, strict=strict)
     plain = language.hidden(data)
     lexed = _lexed(plain, lines, language)
     if not language.diameters and _tells_diameters(lexed.words):

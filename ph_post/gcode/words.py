@@ -9,7 +9,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from ph_post.errors import InputError
+from ph_post.errors import InputError, printable
 from ph_post.gcode import arcs, codes, lexer
 from ph_post.gcode.program import ByteArray, PlaceArray, WordTable, long_numbers
 from ph_post.types import IntArray, sealed, unwritten
@@ -90,8 +90,7 @@ def fault_error(name: str, data: bytes, lines: PlaceArray, fault: ProgramFault, 
     column = len(data[first : fault.place].decode("utf-8", "replace")) + 1
     where = f"{name}:{fault.block + 1}:{column}"
     if fault.code == BINARY:
-        wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-        expected, got = ("text as UTF-8 or ASCII", "UTF-16") if wide else ("text", "a zero byte")
+        expected, got = ("text as UTF-8 or ASCII", "UTF-16") if _is_wide(data) else ("text", "a zero byte")
         return InputError(where, "not a part program", expected=expected, got=got)
     if fault.code == LONG_LINE:
         return InputError(where, "line is too long", expected="a line end within 16384 bytes")
@@ -133,7 +132,7 @@ def excerpt(line: str, column: int, width: int) -> str:
 
 def _plain(text: bytes) -> str:
     """Text that a terminal shows as it is, a column a character."""
-    return "".join(c if c.isprintable() else " " if c == "\t" else "?" for c in text.decode("utf-8", "replace"))
+    return printable(text.decode("utf-8", "replace"))
 
 
 LONGEST_LINE = 16384
@@ -143,6 +142,9 @@ semicolon, which printers skip."""
 LONGEST_COMMENT = 1 << 19
 """Bytes of the longest line of that kind; whoever reads a file gives up on a line of twice as many."""
 
+
+TEXT_PER_ZERO = 1000
+"""Bytes of a text for each zero byte in it at least; with more it is none."""
 
 _LARGEST = np.iinfo(np.int32).max
 """Bytes of the longest program."""
@@ -164,8 +166,10 @@ class Lexed(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     spots: PlaceArray
 
 
-def lines_of(data: bytes, name: str) -> PlaceArray:
+def lines_of(data: bytes, name: str, *, strict: bool = False) -> PlaceArray:
     """Return the places at which the lines of a program begin, and its end, shape (lines + 1,).
+
+    A few zero bytes are characters of their lines like others that no controller reads, if it is not `strict`.
 
     Raises
     ------
@@ -176,25 +180,30 @@ def lines_of(data: bytes, name: str) -> PlaceArray:
         raise InputError(name, "the file is empty")
     if len(data) > _LARGEST:
         raise InputError(name, "the file is too long", expected="less than 2 GiB", got=f"{len(data)} bytes")
-    lines, fault = _find_lines(data)
+    lines, fault = _find_lines(data, strict=strict)
     if fault is not None:
         raise fault_error(name, data, lines, fault)
     return lines
 
 
-def _find_lines(data: bytes) -> tuple[PlaceArray, ProgramFault | None]:
+def _find_lines(data: bytes, *, strict: bool) -> tuple[PlaceArray, ProgramFault | None]:
     """Return the places at which lines begin, and the fault of what is no text: binary, or a line without end."""
     stop = min([place for place in (data.find(b"\n"), data.find(b"\r"), len(data)) if place >= 0])
     if _endless(data, 0, stop):
         return np.array([0, len(data)], dtype=np.int32), ProgramFault(block=0, place=0, code=LONG_LINE)
     lines = lexer.split_lines(np.frombuffer(data, np.uint8))
     nul = data.find(b"\0")
-    if nul >= 0:
+    if nul >= 0 and (strict or _is_wide(data) or data.count(b"\0") * TEXT_PER_ZERO > len(data)):
         return lines, ProgramFault(block=int(np.searchsorted(lines, nul, "right")) - 1, place=nul, code=BINARY)
     for long in np.flatnonzero(np.diff(lines) > LONGEST_LINE).tolist():
         if _endless(data, int(lines[long]), int(lines[long + 1])):
             return lines, ProgramFault(block=long, place=int(lines[long]), code=LONG_LINE)
     return lines, None
+
+
+def _is_wide(data: bytes) -> bool:
+    """Return whether a text is marked as UTF-16."""
+    return data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
 
 
 def _endless(data: bytes, begin: int, end: int) -> bool:

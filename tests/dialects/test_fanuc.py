@@ -60,7 +60,7 @@ def test_words_that_move_nothing_are_seen_through(body: str) -> None:
     ("body", "told"),
     [
         ("G1 X20000 Y10.\n", (1, 4, f"{INCREMENTS}: X20000")),
-        ("G1 X-\t2000 Y10.\n", (1, 4, f"{INCREMENTS}: X-\t2000")),
+        ("G1 X-\t2000 Y10.\n", (1, 4, f"{INCREMENTS}: X- 2000")),
         ("G1 X20. Y-5\nX30000\nX-40\n", (1, 9, f"{INCREMENTS}: Y-5")),
         ("G3 X10. Y10. I5000 J0.\n", (1, 14, f"{INCREMENTS}: I5000")),
         ("G92 X1000\n", (1, 5, f"{INCREMENTS}: X1000")),

@@ -87,9 +87,7 @@ def test_parameters_are_no_text():
 
 def test_a_byte_order_mark_is_named_and_hides_nothing():
     program = read_program(b"\xef\xbb\xbfG20 G1 X1 F1\nX2\n", "a")
-    assert [(note.first, note.what.encode()) for note in program.notes] == [
-        (0, b"byte order mark: \xef\xbb\xbfG20 G1 X1 F1")
-    ]
+    assert [(note.first, note.what) for note in program.notes] == [(0, "byte order mark: ?G20 G1 X1 F1")]
     assert program.motions.end[:, 0].tolist() == pytest.approx([0.0254, 0.0508])
 
 
@@ -258,3 +256,24 @@ def test_a_skip_loses_the_axes_that_it_names(dialect, known):
     assert ("probe" in [one.kind for one in program.breaks]) == known
     assert any("G31" in note.what for note in program.notes) == (not known)
     assert program.motions.end[program.motions.block == 5][0, 2] == pytest.approx(0.005)
+
+
+def test_a_few_zero_bytes_spoil_their_lines_alone():
+    """As a sender leaves them that lost a line; LinuxCNC ends the line there, Grbl reads on."""
+    rows = "".join(f"G1 X{n % 2 * 10} Y{n}\n" for n in range(100))
+    body = f"{rows}\0\0G1 X5 Y5\n{rows}M2\n"
+    program = read(body)
+    assert [(note.first, note.what) for note in program.notes] == [(103, "unknown character: ??G1 X5 Y5")]
+    behind = int(np.searchsorted(program.motions.block, 103))
+    assert np.isnan(program.motions.start[behind, :2]).all()
+    np.testing.assert_array_equal(places(program, "end"), [10, 99, np.nan])
+    for text, strict in ((body, True), ("\0G1 X5\n", False), (body.replace("Y", "\0"), False)):
+        with pytest.raises(InputError, match="not a part program; expected text; got a zero byte"):
+            read(text, strict=strict)
+    with pytest.raises(InputError, match="expected text as UTF-8 or ASCII; got UTF-16"):
+        read_program((HEAD + rows).encode("utf-16"), "a.ngc")
+
+
+def test_what_a_note_shows_steers_no_terminal():
+    program = read("G1 X5 ) \x1b[2J\nM2\n")
+    assert [note.what for note in program.notes] == ["closing parenthesis of no comment: ) ?[2J"]

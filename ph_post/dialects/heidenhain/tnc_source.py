@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from ph_post.dialects.heidenhain.tnc import Tnc
 from ph_post.dialects.reading import NOT_UNDERSTOOD, XYZ_ONLY, Remark, line_error, read_translated, text_of
-from ph_post.errors import InputError
+from ph_post.errors import InputError, printable
 from ph_post.gcode.program import PartProgram, WordTable
 from ph_post.gcode.words import lines_of
 
@@ -175,5 +175,4 @@ class TncSource:
                 yield min(place, number), max(place, number), what
 
     def _refused(self, number: int, what: str, expected: str, got: str) -> InputError:
-        shown = "".join(one if one.isprintable() else "?" for one in got)
-        return line_error(self._data, self._lines, self._name, number, what, expected, shown)
+        return line_error(self._data, self._lines, self._name, number, what, expected, printable(got))
