@@ -64,10 +64,13 @@ def test_every_command_that_samples_a_path_refuses_it(command, job, capsys):
     assert capsys.readouterr().err.count("too long to be sampled") == 1
 
 
-@pytest.mark.parametrize("dialect", ["linuxcnc", "grbl", "marlin", "klipper"])
-def test_a_program_too_long_to_be_simulated_is_written_and_its_numbers_are_null(dialect, job, capsys, tmp_path):
-    name = job("slow.ngc", PLAIN + "G1 X500 F2\nG1 X0\nM2\n")  # 1000 mm at 2 mm/min are 30,000 s
-    status = main(["convert", name, "-m", "router", "--dialect", dialect, "-o", "o.ngc", "--json"])
+SLOW = PLAIN + "G1 X500 F2\nG1 X0\nM2\n"
+"""1000 mm at 2 mm/min are 30,000 s."""
+
+
+def test_a_program_too_long_to_be_simulated_is_written_and_its_numbers_are_null(job, capsys, tmp_path):
+    name = job("slow.ngc", SLOW)
+    status = main(["convert", name, "-m", "router", "--dialect", "linuxcnc", "-o", "o.ngc", "--json"])
     streams = capsys.readouterr()
     assert status == 0, streams.err
     view = json.loads(streams.out)
@@ -82,6 +85,17 @@ def test_a_program_too_long_to_be_simulated_is_written_and_its_numbers_are_null(
     )
     assert view["not_simulated"] == why
     assert any(f"backlash error not simulated: {why}" in line for line in streams.err.splitlines())
+
+
+@pytest.mark.parametrize("dialect", ["grbl", "marlin", "klipper"])
+def test_of_a_long_program_on_an_exact_path_the_time_is_known_all_the_same(dialect, job, capsys, tmp_path):
+    name = job("slow.ngc", SLOW)
+    assert main(["convert", name, "-m", "router", "--dialect", dialect, "-o", "o.ngc", "--json"]) == 0
+    streams = capsys.readouterr()
+    view = json.loads(streams.out)
+    assert view["error"] == {"before": None, "after": None}
+    assert view["cycle_time"]["before"] == pytest.approx(30000.0, abs=0.01)
+    assert "backlash error not simulated, as it runs longer than 60 min" in streams.err
 
 
 def test_the_line_says_which_line_takes_the_time_and_the_plain_run_says_it_too(job, capsys):

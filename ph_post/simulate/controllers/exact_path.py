@@ -252,9 +252,14 @@ def _squares(blocks: StraightBlocks, limit: Array, planner: ExactPath, limits: A
 def count_periods(
     blocks: StraightBlocks, planner: ExactPath, limits: Array, period: float, program: PartProgram
 ) -> int:
-    """Count the periods that blocks of which no row is wanted take, as :func:`plan_exact`, which raises the same.
+    """Count the periods that blocks of which no row is wanted take, as :func:`plan_exact`, however many.
 
     Their `corner` is overwritten.
+
+    Raises
+    ------
+    TooLargeError
+        Where there is no end to them, as of a feed that is nearly none.
     """
     took, begin = blocks.corner, 0.0
     took[~blocks.joined] = 0.0
@@ -265,7 +270,8 @@ def count_periods(
         ends = np.cumsum(np.append(begin, blocks.pause[part] + times))
         # The limits of these blocks are not needed any more.
         took[part], begin = blocks.pause[part] + times, float(ends[-1])
-    check_duration(program, blocks.motion, took, period)
+    if not math.isfinite(begin):
+        check_duration(program, blocks.motion, took, period)
     total = begin - float(times[-1]) + float(times[-1])
     return math.ceil(total / period - ROUNDING)
 
