@@ -42,7 +42,10 @@ from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.types import Axis, BoolArray, Machine
 from ph_post.units import MM
 
-BEAM_ROUNDS: Final = 6
+SINGLY: Final = 3
+"""Plans behind which one place that a beam would mark is left; behind a further one all is, from the first on."""
+
+BEAM_ROUNDS: Final = 8
 """Plans that are made before nothing is shifted wherever a beam is on."""
 
 
@@ -179,7 +182,12 @@ class _OffsetPlanner:
             if not planned.burnt:
                 break
             found = {run_beside(runs, motion) for motion in planned.burnt}
-            unmarked |= found if number + 2 < BEAM_ROUNDS and not found <= unmarked else set(range(len(runs)))
+            if number + 2 >= BEAM_ROUNDS or found <= unmarked:
+                found = set(range(len(runs)))
+            elif number >= SINGLY:
+                # Each time another one would be marked.
+                found = set(range(min(found), len(runs)))
+            unmarked |= found
         return _Choice(search, afforded, planned, unmarked, refused, radii, untied)
 
     def _edits(self, choice: _Choice, slow: _PlannedFeeds) -> Edits:

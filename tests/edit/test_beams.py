@@ -193,6 +193,24 @@ def test_one_cut_is_left_and_the_others_are_not() -> None:
     assert error(text, changed)[0] <= error(text, text)[0] * (1.0 + 1e-9)
 
 
+@pytest.mark.parametrize(
+    ("singly", "rounds", "kept"),
+    [(3, 8, (True, False, True)), (0, 8, (True, False, False)), (0, 2, (False, False, False))],
+)
+def test_where_each_plan_marks_another_cut_all_is_left_from_the_first_one_on(
+    singly: int, rounds: int, kept: tuple[bool, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A print of six hours had a new bead marked in each plan, and of 78,000 changes 6,000 were left."""
+    monkeypatch.setattr("ph_post.edit.offset_edits.SINGLY", singly)
+    monkeypatch.setattr("ph_post.edit.offset_edits.BEAM_ROUNDS", rounds)
+    before, behind = (SQUARE.replace("X50", f"X{x + 30}").replace("X10", f"X{x}") for x in (60, 110))
+    text = laser(f"G1 S0\nG0 X60 Y10\n{before}G1 S0\nG0 X10 Y10\n{BLUNT}G1 S0\nG0 X110 Y10\n{behind}", "M3")
+    found = compensated(text, stepper())
+    changed = found.text.decode()
+    assert tuple(cut not in changed for cut in (before, BLUNT, behind)) == kept
+    assert [one for one in found.edits.warnings if "would burn a dot in a sharp corner" in one]
+
+
 def test_an_axis_that_turns_where_the_beam_is_switched_off_is_shifted_behind_that() -> None:
     """Pieces that end in a corner, with the same place said twice, as a CAM for Grbl writes them: no rapids between."""
     cuts = "M3 S800\n{}\nM5 S0\n"
