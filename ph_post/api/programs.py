@@ -572,7 +572,8 @@ class _PlanSearch:
     def _without_failed(self, made: CompensatedProgram, refused: Places, options: EditOptions) -> EditOptions | None:
         """Stop for crossings on the fly that do not pass the check, and leave what does not pass it then as it is.
 
-        Of a section the motions about it are left first, then all of it. Where there is a good plan none is left.
+        Where one of them lies behind a corner all corners are taken plain first. Of a section the motions about it are
+        left first, then all of it. Where there is a good plan none is left.
         """
         original, verdict = self._original, made.verdict and _with_miscounts(made, made.verdict)
         places = refused if verdict is None else _failed_places(original, made.after, verdict)
