@@ -29,6 +29,10 @@ _HALVINGS: Final = 6
 """Halvings of the range of the dead band, and of the time for parts of sections, down to a sixtieth of it."""
 
 
+_NAMED: Final = 0.005
+"""Least cost of crossings that is said in words [s]."""
+
+
 class AxisInSections(NamedTuple):
     """An axis in some sections: the time that its crossings there cost [s], and what they gain [m² s]."""
 
@@ -116,7 +120,7 @@ def _leave_spared(search: ReversalSearch, options: EditOptions, need: float) -> 
     for name, n in places:
         price[name] += options.pace * float(costs[name][n])
     for name, n in places:
-        search.give_up(name, n, _too_costly(price[name], need))
+        search.give_up(name, n, too_costly(price[name], need))
 
 
 def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, need: float) -> None:
@@ -160,7 +164,7 @@ def _leave_axes(
         for place in order[:count]:
             price[place[0]] += options.pace * places[place].cost
         for place in reversed(order[:count]):
-            why = _too_costly(price[place[0]], need)
+            why = too_costly(price[place[0]], need)
             for n in places[place].sections:
                 search.give_up(place[0], n, why, for_now=True)
 
@@ -196,7 +200,7 @@ def _leave_behind(
         for begin, end in parts.left(budget):
             for n in search.divided(begin, end):
                 for name in found if resting else _turning(turns, begin, end):
-                    search.give_up(name, n, _too_costly(options.pace * parts.cost[name], need), for_now=True)
+                    search.give_up(name, n, too_costly(options.pace * parts.cost[name], need), for_now=True)
 
     # Where many cuts are left, the axes that keep their offset take it back so often that there is no time for that.
     for resting in (False, True):
@@ -268,8 +272,16 @@ class _SectionParts:
         return found
 
 
-def _too_costly(price: float, need: float) -> str:
-    return f"its crossings would cost {price:.2g} s; --max-slowdown {need:g} would allow them"
+def too_costly(price: float, need: float) -> str:
+    """Return why crossings of an axis are left that take a time [s], and what share of it would allow them.
+
+    >>> too_costly(0.2, 0.15)
+    'its crossings would cost 0.2 s; --max-slowdown 0.15 would allow them'
+    >>> too_costly(0.0, 0.15)
+    'its crossings come with others, which would cost too much; --max-slowdown 0.15 would allow them'
+    """
+    cost = f"would cost {price:.2g} s" if price >= _NAMED else "come with others, which would cost too much"
+    return f"its crossings {cost}; --max-slowdown {need:g} would allow them"
 
 
 def _runs(sections: IntArray, gain: Array) -> list[list[int]]:

@@ -25,7 +25,7 @@ import numpy as np
 from ph_post.compensate.plan_warnings import round_up
 from ph_post.dialects.base import Dialect
 from ph_post.drive.axes import side_offsets
-from ph_post.edit.affordable import SPARE
+from ph_post.edit.affordable import SPARE, too_costly
 from ph_post.edit.block_words import next_relying
 from ph_post.edit.edits import EditOptions
 from ph_post.edit.preconditions import FINE, why_not_editable, word_decimals
@@ -162,9 +162,7 @@ def plan_further(
             plan, total = planner.plan(), max(time, planner.time, _SHORTEST)
             if plan.cost > (options.max_slowdown + SPARE) * total:
                 need = round_up(plan.cost / total)
-                planner.no_stops = (
-                    f"its crossings would cost {plan.cost:.2g} s; --max-slowdown {need:g} would allow them"
-                )
+                planner.no_stops = too_costly(plan.cost, need)
                 plan = planner.plan()
             plans.append(plan)
             said += plan.left
