@@ -13,6 +13,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
+import numpy as np
+
 from ph_post.gcode.lexer import DOUBTED
 
 _LINE: Final = re.compile(rb"[^\r\n]+")
@@ -98,7 +100,16 @@ def reader_of(arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], 
         first, last = _repeated(data)
         if not small and _OTHER_TOOL.search(data) is None:
             data = _FIRST_TOOL.sub(lambda one: b" " * len(one[0]), data)
-        return _LINE.sub(lambda one: (_passed if first <= one.start() < last else change)(one[0]), data)
+        plain = _without_beads(data)
+        for found in _BEADS.finditer(data):
+            begin, end = found.span(1)
+            if begin < end:
+                plain[begin:end] = change(found[1])
+        for line in _LINE.finditer(data, first):
+            if line.start() >= last:
+                break
+            plain[line.start() : line.end()] = _passed(line[0])
+        return bytes(plain)
 
     return hide
 
@@ -139,19 +150,31 @@ def _passed(line: bytes) -> bytes:
     return (_marked(code, b"$@") if code.strip() else code) + mark + comment
 
 
-_BEAD: Final = re.compile(
-    rb"G[01](?: [XYZ][-+]?(?:\d+(?:\.\d*)?|\.\d+))+(?: (E[-+]?(?:\d+(?:\.\d*)?|\.\d+)))?(?: F[1-9]\d*(?:\.\d*)?)?"
+_BEADS: Final = re.compile(
+    rb"(?:G[01](?: (?:[XYZ][-+]?(?:\d+(?:\.\d*)?|\.\d+)|E[-+]?(?:\d{1,15}(?:\.\d{0,15})?|\.\d{1,15})"
+    rb"|F[1-9]\d*(?:\.\d*)?))+(?:[\r\n]+|\Z))*([^\r\n]*)[\r\n]*"
 )
-"""A line of which all but E is read as it stands: as nearly all of a print, for which the rest takes ten times as long.
-"""
+"""Lines of which all but E is read as it stands, as nearly all of a print, and the line behind them, which takes a
+hundred times as long."""
+
+_EXTRUSION: Final = 32
+"""Most bytes of an E word in such a line."""
+
+
+def _without_beads(data: bytes) -> bytearray:
+    """Return a text without E words that have a blank before them."""
+    plain = bytearray(data)
+    text = np.frombuffer(plain, np.uint8)
+    places = np.flatnonzero((text[1:] == ord("E")) & (text[:-1] == ord(" "))) + 1
+    for _ in range(_EXTRUSION):
+        text[places] = ord(" ")
+        places = places[places < text.size - 1] + 1
+        places = places[text[places] > ord(" ")]
+    return plain
 
 
 def _hidden(line: bytes, arcs: bytes, foreign: bytes, *, small: bool) -> bytes:
     """Return one line as RS274/NGC has it, of the same length."""
-    bead = _BEAD.fullmatch(line)
-    if bead is not None:
-        first, end = bead.span(1)
-        return line if first < 0 else line[:first] + b" " * (end - first) + line[end:]
     code, mark, comment = line.partition(b";")
     if not code.strip() or code.lstrip().startswith(b"#"):
         # No command begins with that: Marlin and Klipper say so, and go on (gcode.cpp, gcode.py: unknown command).
