@@ -22,6 +22,7 @@ from ph_post.files.storage import write_atomically
 from ph_post.files.table import table_content
 from ph_post.gcode.codes import may_rest
 from ph_post.gcode.program import PartProgram
+from ph_post.gcode.read import BEHIND_THE_END
 from ph_post.types import Command, Machine
 
 REASONS: Final = 2
@@ -165,6 +166,10 @@ _WRITTEN_OUT: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """What begins the notes of stretches that can be written out, by dialect."""
 
+_FLAT_FRAME: Final = re.compile(rb"CYCL\s+DEF\s+(?:8|10)\.1", re.IGNORECASE)
+_OTHER_FRAME: Final = re.compile(rb"CYCL\s+DEF\s+(?:11|19|26)\b|\bPLANE\b|\bTCPM\b|M\s*128(?!\d)", re.IGNORECASE)
+"""Frames of Heidenhain that are written out, and others."""
+
 _CUTTER: Final = "cutter compensation"
 
 
@@ -177,11 +182,16 @@ def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) 
 
     `expand` says that ``--expand`` was given: it is not advised again.
     """
-    notes, base = program.notes, dialect.partition("+")[0]
+    base, expanded = dialect.partition("+")[0], expand or EXPANDED.first(program.data) >= 0
+    notes = program.notes
+    if expanded and base == "heidenhain":
+        # Subprograms stand there, which are written out where they are called.
+        notes = tuple(note for note in notes if not note.what.startswith(BEHIND_THE_END))
     if not notes:
         return ()
-    expanded = expand or EXPANDED.first(program.data) >= 0
     known = (*_WRITTEN_OUT.get(base, ()), *(_ON_LATHES if program.language.diameters else ()))
+    if base == "heidenhain" and _FLAT_FRAME.search(program.data) and not _OTHER_FRAME.search(program.data):
+        known += (_TURNED,)
     helped = [] if expanded else [note for note in notes if note.what.startswith(known)]
     # What is advised has to be true of the stretch that is named.
     named = (helped or notes)[0]

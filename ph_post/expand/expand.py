@@ -17,6 +17,7 @@ from ph_post.expand.faults import ExpandError
 from ph_post.expand.iso_corners import IsoCorners
 from ph_post.expand.klartext import KlartextRunner
 from ph_post.expand.klartext_corners import KlartextCorners
+from ph_post.expand.klartext_frames import KlartextFrames
 from ph_post.expand.lines import Source
 from ph_post.expand.machine import Version
 from ph_post.expand.macro import FanucNumbers
@@ -49,7 +50,8 @@ _STRUCTURED: Final = re.compile(
 """What a program of Siemens that computes has somewhere."""
 
 _CONVERSATIONAL: Final = re.compile(
-    rb"\bCALL\s+LBL|GOTO\b|CYCL\s+CALL|Q[LR]?\d|M\s*99(?!\d)|\b(?:RND|CHF|LP|CT)\b", re.IGNORECASE
+    rb"\bCALL\s+LBL|GOTO\b|CYCL\s+(?:CALL|DEF\s+(?:8|10)\.)|Q[LR]?\d|M\s*99(?!\d)|\b(?:RND|CHF|LP|CT)\b",
+    re.IGNORECASE,
 )
 """What a conversational program of Heidenhain that computes has somewhere."""
 
@@ -145,9 +147,9 @@ def expand(
         Where subprograms are that are files of their own.
     language : {"linuxcnc", "siemens", "heidenhain"} or FanucNumbers
         Of Siemens R parameters, repeats, loops, choices and jumps are written out; of Heidenhain's conversational
-        programs Q parameters, jumps, labels and drilling cycles; of Fanuc, by how its control counts, M98 and M99, G65,
-        the statements of custom macro B, cycles and turned coordinates, and what stands behind the end of the main
-        program stays.
+        programs Q parameters, jumps, labels, drilling cycles, and turned and mirrored coordinates; of Fanuc, by how its
+        control counts, M98 and M99, G65, the statements of custom macro B, cycles and turned coordinates, and what
+        stands behind the end of the main program stays.
     parameters : mapping of int to float, optional
         The controller's own file of parameters, for LinuxCNC.
     tools : mapping of int to ToolShape, optional
@@ -196,7 +198,9 @@ def expand(
     else:
         found = _linuxcnc(source, folders, parameters, tools or {}, inches=inches, version=version)
     if corners is not None:
-        found = _with_corners(found, corners, name)
+        found = _with_more(found, corners, name)
+    if language == "heidenhain":
+        found = _with_more(found, KlartextFrames(found.lines), name)
     if not found.changed:
         return Expansion(data=data, notes=found.notes)
     written = Written(
@@ -263,10 +267,10 @@ def _linuxcnc(
     return _Lines(*lines, runner.blocks.changed, tuple(notes))
 
 
-def _with_corners(found: _Lines, corners: IsoCorners | KlartextCorners, name: str) -> _Lines:
-    """Write the corners of a program out; those that stay are named."""
-    lines, origins = corners.written()
-    notes = (f"{name}:{found.origins[line - 1] + 1}: {note}" for note, line in corners.notes.items())
+def _with_more(found: _Lines, more: IsoCorners | KlartextCorners | KlartextFrames, name: str) -> _Lines:
+    """Write the corners or frames of a program out; those that stay are named."""
+    lines, origins = more.written()
+    notes = (f"{name}:{found.origins[line - 1] + 1}: {note}" for note, line in more.notes.items())
     changed = found.changed or lines != found.lines
     return _Lines(lines, [found.origins[line] for line in origins], changed, (*found.notes, *notes))
 

@@ -70,3 +70,31 @@ class TurnedFrame(msgspec.Struct, frozen=True, kw_only=True):
         if not math.isclose(first, second):
             raise NotExpandableError("a circle whose axes are scaled differently")
         return first
+
+
+class PlaneFrame(msgspec.Struct, frozen=True, kw_only=True):
+    """What becomes of places of a plane, as complex numbers: mirrored first where it `flips`, then turned by `turn`."""
+
+    turn: complex = 1.0 + 0.0j
+    flips: bool = False
+
+    def apply(self, place: complex) -> complex:
+        """Return a place, or a way, without the frame, of one in it.
+
+        Examples
+        --------
+        >>> PlaneFrame(turn=1j).apply(3 + 1j), mirrored_in("X").apply(3 + 1j)
+        ((-1+3j), (-3+1j))
+        """
+        return self.turn * (place.conjugate() if self.flips else place)
+
+
+def turned_by(angle: float) -> PlaneFrame:
+    """Return the frame that is turned by an angle [deg]."""
+    return PlaneFrame(turn=cmath.rect(1.0, math.radians(angle)))
+
+
+def mirrored_in(axes: str) -> PlaneFrame:
+    """Return the frame in which coordinates of some of X and Y change their sign."""
+    both = {"X", "Y"} <= set(axes)
+    return PlaneFrame(turn=-1.0 + 0.0j if "X" in axes else 1.0 + 0.0j, flips=bool(axes) and not both)

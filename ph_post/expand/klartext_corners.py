@@ -14,22 +14,17 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-import msgspec
-
 from ph_post.expand.corner_follower import CornerFollower, OpenCorner
 from ph_post.expand.corners import Corner, Element, arc_by_radius
 from ph_post.expand.faults import NotExpandableError
 from ph_post.expand.klartext_lines import NUMBER, KlartextBlock, read_blocks, tnc_number, tnc_value
+from ph_post.expand.klartext_moves import AT_THE_BEGIN, AT_THE_END, DECIMALS, KlartextMove, center_words, read_move
 from ph_post.expand.progress import WrittenLines
 
 _CORNER: Final = re.compile(rf"(RND|CHF)\s*R?\s*({NUMBER})(?:\s*F\s*({NUMBER}))?$")
-_MOVE: Final = re.compile(r"(CR|CT|C|LP|L)(?![A-Z]|\s*=)|L(?=I?[XYZ])")
 _CENTER: Final = re.compile(r"CC(?![A-Z])")
 _ABSOLUTE_CENTER: Final = re.compile(rf"CC\s*X\s*{NUMBER}\s*Y\s*{NUMBER}$")
 """A centre that is the same wherever the corner before it ends."""
-_WORD: Final = re.compile(
-    rf"\s*(?:(I?)(P[RA]|[XYZ])\s*({NUMBER})|R([LR]|0(?![\d.,]))|R\s*({NUMBER})|DR\s*([-+])|F\s*(MAX|{NUMBER})|M\s*(\d+))"
-)
 _STILL: Final = re.compile(
     r"\*|BLK\s+FORM|TOOL\s+DEF|BEGIN\s+PGM|STOP\b|(?:M\s*0*(?:3|4|5|8|9|13|14)\s*)+$|CYCL\s+DEF\s+(?:9|32)\b"
     r"|(?:FN\s*(?:[0-8]|13)\s*:\s*)?Q[LRS]?\d+\s*="
@@ -37,61 +32,9 @@ _STILL: Final = re.compile(
 """Blocks that leave tool, centre and feed as they are."""
 _TOOL: Final = re.compile(r"TOOL\s+CALL\b.*?\b([XYZ])\b")
 _SCALE: Final = re.compile(r"CYCL\s+DEF\s+(?:11|26)\b")
-_AT_THE_BEGIN: Final = frozenset((3, 4, 8, 13, 14))
-_AT_THE_END: Final = frozenset((0, 1, 2, 5, 9, 30))
-_DECIMALS: Final = 4
 _LEAST_TURN: Final = 1.0
 _AMBIGUOUS: Final = 10.0
 """Angles [deg] within which of a half or a whole turn an arc hangs on the last digit of its radius."""
-
-
-class KlartextMove(msgspec.Struct, kw_only=True):
-    """A block that moves: its word, what it says, and whether that was changed."""
-
-    block: KlartextBlock
-    word: str
-    places: dict[str, tuple[str, str]]
-    radius: str = ""
-    sense: str = ""
-    side: str = ""
-    feed: str = ""
-    functions: tuple[int, ...] = ()
-    element: Element | None = None
-
-    def text(self) -> str:
-        """Return the block's words."""
-        parts = [f"{step}{axis}{number}" for axis, (step, number) in self.places.items()]
-        parts += [f"R{self.radius}"] * bool(self.radius) + [f"DR{self.sense}"] * bool(self.sense)
-        parts += [f"R{self.side}"] * bool(self.side) + [f"F{self.feed}"] * bool(self.feed)
-        return " ".join([self.word, *parts, *(f"M{number}" for number in self.functions)])
-
-    def goes_to(self, end: complex) -> None:
-        """Let it end elsewhere in the plane."""
-        own = {
-            axis: ("", tnc_number(value, _DECIMALS, sign=True)) for axis, value in (("X", end.real), ("Y", end.imag))
-        }
-        self.places = {**own, **{axis: place for axis, place in self.places.items() if axis not in own}}
-
-
-def _move_of(block: KlartextBlock) -> KlartextMove | None:
-    """Read a block that moves in X, Y and Z alone; None of others."""
-    word = _MOVE.match(block.words)
-    if word is None:
-        return None
-    found = KlartextMove(block=block, word=word[1] or "L", places={})
-    at = word.end()
-    while at < len(block.words):
-        part = _WORD.match(block.words, at)
-        if part is None:
-            return None
-        step, axis, number, side, radius, sense, feed, function = part.groups()
-        if axis:
-            found.places[axis] = (step, number)
-        found.side, found.radius = side or found.side, radius or found.radius
-        found.sense, found.feed = sense or found.sense, feed or found.feed
-        found.functions += (int(function),) if function else ()
-        at = part.end()
-    return found
 
 
 class KlartextCorners(CornerFollower[KlartextMove]):
@@ -151,8 +94,8 @@ class KlartextCorners(CornerFollower[KlartextMove]):
                 )
             self._last = None
             return
-        move = None if block.slash else _move_of(block)
-        if move is not None:
+        move = None if block.slash else read_move(block)
+        if move is not None and move.word != "CP":
             self._move(index, move)
             return
         center = _CENTER.match(block.words) is not None and not block.slash
@@ -170,7 +113,7 @@ class KlartextCorners(CornerFollower[KlartextMove]):
     def _center(self, words: str) -> complex | None:
         here = self._place()
         places: dict[str, float] = {}
-        for step, axis, number in re.findall(rf"(I?)([XYZ])\s*({NUMBER})", words):
+        for step, axis, number in center_words(words):
             places[axis] = tnc_value(number) + (self._at.get(axis, math.nan) if step else 0.0)
         if not places:
             return here
@@ -215,7 +158,7 @@ class KlartextCorners(CornerFollower[KlartextMove]):
         left, radius = turned > 0.0, 0.5 * abs(way) / math.sin(abs(turned))
         center = start + heading * (1j if left else -1j) * radius
         move.word, move.sense = "CR", "+" if left else "-"
-        move.radius = tnc_number(radius if swept < 180.0 else -radius, _DECIMALS, sign=True)
+        move.radius = tnc_number(radius if swept < 180.0 else -radius, DECIMALS, sign=True)
         move.goes_to(end)
         move.element = Element(start=start, end=end, center=center, left=left) if swept < 180.0 else None
         return True
@@ -246,7 +189,7 @@ class KlartextCorners(CornerFollower[KlartextMove]):
 
     def _write(self, opened: OpenCorner[KlartextMove], after: KlartextMove) -> None:
         before = opened.before
-        if not set(before.functions) <= _AT_THE_BEGIN or not set(after.functions) <= _AT_THE_BEGIN | _AT_THE_END:
+        if not set(before.functions) <= AT_THE_BEGIN or not set(after.functions) <= AT_THE_BEGIN | AT_THE_END:
             raise NotExpandableError("an M function beside it")
         found = self._cut(opened, after)
         before.goes_to(found.begin)
@@ -260,9 +203,9 @@ class KlartextCorners(CornerFollower[KlartextMove]):
 
 
 def _corner_text(found: Corner, feed: str) -> str:
-    x, y = (tnc_number(value, _DECIMALS, sign=True) for value in (found.end.real, found.end.imag))
+    x, y = (tnc_number(value, DECIMALS, sign=True) for value in (found.end.real, found.end.imag))
     text = f"L X{x} Y{y}"
     if found.radius:
-        radius = tnc_number(found.radius, _DECIMALS, sign=True)
+        radius = tnc_number(found.radius, DECIMALS, sign=True)
         text = f"CR X{x} Y{y} R{radius} DR{'+' if found.left else '-'}"
     return f"{text} F{feed}" if feed else text

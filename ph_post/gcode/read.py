@@ -211,6 +211,7 @@ def _switched_units(motion_block: PlaceArray, found: _Blocks) -> BoolArray:
 _OPENED: Final = re.compile(rb"\s*%")
 """A program between two percent signs."""
 
+BEHIND_THE_END: Final = "behind the program's end"
 _BEHIND: Final = re.compile(rb"^[ \t]*(?:N[ \t]*\d+[ \t]*)?(?:[O:]\d|G\d|[XYZ][-+.\d])", re.MULTILINE | re.IGNORECASE)
 """A line of another program."""
 
@@ -318,7 +319,7 @@ def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartPr
     if behind is not None:
         first = int(np.searchsorted(lines, np.int32(behind.start()), "right")) - 1
         text = data[behind.start() : lines[first + 1]].decode("utf-8", "replace").strip()
-        what = f"behind the program's end: {shortened(text)}"
+        what = f"{BEHIND_THE_END}: {shortened(text)}"
         notes = (*notes, Note(first=first, last=lines.size - 2, column=1, what=what))
     rests = np.isin(blocks.whys, (codes.STAYING_G, codes.STAYING_M)) & (blocks.tasks == codes.REST)
     lost = np.where((blocks.whys < codes.QUIET) & ~rests, blocks.whys, 0)

@@ -195,6 +195,40 @@ def test_repeats_parameters_and_cycles_of_heidenhain(tmp_path):
     assert ph.compensate(out, "stepper", expand=True, **how).program() == out.read_bytes()
 
 
+def test_a_subprogram_that_heidenhain_turns_on_is_compensated_at_each_call(tmp_path):
+    source = tmp_path / "part.h"
+    blocks = [
+        *("BEGIN PGM PART MM", "TOOL CALL 5 Z S1000 F300", "L X+0 Y+0 Z+30 R0 FMAX M3", "LBL 1", "L X+5 Y+1 R0 FMAX"),
+        *(
+            "L Z+0 F600",
+            "L X+25",
+            "L IY+6",
+            "L X+5",
+            "L Z+30 R0 FMAX",
+            "CYCL DEF 10.0 ROTATION",
+            "CYCL DEF 10.1 IROT+40",
+        ),
+        *(
+            "CALL LBL 1 REP 3",
+            "CYCL DEF 10.0 ROTATION",
+            "CYCL DEF 10.1 ROT+0",
+            "L X+0 Y+0 R0 FMAX M30",
+            "END PGM PART MM",
+        ),
+    ]
+    source.write_text("".join(f"{number} {block}\n" for number, block in enumerate(blocks)))
+    how = {"dialect": "heidenhain", "max_slowdown": 1.0}
+    (said,) = passed_through(read_as("heidenhain", source.read_bytes(), "a"), "heidenhain")
+    assert said.endswith("--expand writes it out as plain moves)")
+    result = ph.compensate(source, "stepper", expand=True, **how)
+    assert result.reversals.compensated == result.reversals.all >= 8
+    assert passed_through(result.edited.after, "heidenhain") == ()
+    out = tmp_path / "out.h"
+    result.write(out)
+    assert ph.undo(out) == source.read_bytes()
+    assert ph.verify(source, out).ok
+
+
 @pytest.mark.parametrize(("line", "what"), [(b"G1\0X1", "zero byte"), (b"G1 X" + 20000 * b"0", "line is too long")])
 def test_what_is_no_program_is_not_written_out(file, line, what):
     file.write_bytes(line + b"\n" + file.read_bytes())

@@ -98,12 +98,12 @@ def lines_of(text: str) -> list[str]:
     return [line for line in written(text).splitlines() if not line.startswith("; ph-post-expand")]
 
 
-def assert_same(original: str) -> None:
+def assert_same(original: str, within: float = 1.01e-4) -> None:
     expected, found = TncPlayer(original).events, TncPlayer(written(original)).events
     assert [one[0] for one in found] == [one[0] for one in expected]
     for one, other in zip(found, expected, strict=True):
         for a, b in zip(one[1:], other[1:], strict=True):
-            assert a == (pytest.approx(b, abs=1.01e-4) if isinstance(b, float | dict) else b), (one, other)
+            assert a == (pytest.approx(b, abs=within) if isinstance(b, float | dict) else b), (one, other)
 
 
 @pytest.mark.parametrize("text", [CALCULATED, FLOW])
@@ -272,3 +272,114 @@ def test_what_cannot_be_written_out_is_named_with_its_line(blocks: str, line: in
 def test_what_is_not_known_stays(block: str) -> None:
     text = f"0 BEGIN PGM A MM\n1 {block}\n2 END PGM A MM\n"
     assert written(text) == text
+
+
+SHAPE = """LBL 1
+L X+0 Y+0 R0 FMAX
+L Z-1 F200
+L X+30 RR F900
+L IY+10
+CC X+30 Y+15
+C X+25 Y+15 DR+
+CR X+5 Y+14 R+20 DR-
+CC IX+0 Y+4
+CP IPA+120 IZ-0.5 DR+
+L X+2.5 Y-1.25
+L Z+5 R0 FMAX
+LBL 0
+"""
+
+
+ROUNDED = 3e-4
+"""An arc by an angle ends where its centre and its beginning lead, both of which are rounded to 0.0001 mm."""
+
+
+def framed(*blocks: str) -> str:
+    lines = ["BEGIN PGM A MM", "TOOL CALL 5 Z S1000", "L X-5 Y-5 Z+5 R0 FMAX M3", *blocks, "L X+0 Y+0 R0 FMAX"]
+    lines += ["L Z+50 FMAX M30", *SHAPE.splitlines(), "END PGM A MM"]
+    return "".join(f"{number} {block}\n" for number, block in enumerate(lines))
+
+
+def turned(angle: str) -> list[str]:
+    return ["CYCL DEF 10.0 ROTATION", f"CYCL DEF 10.1 {angle}"]
+
+
+def mirrored(axes: str) -> list[str]:
+    return ["CYCL DEF 8.0 MIRROR IMAGE", f"CYCL DEF 8.1 {axes}".rstrip()]
+
+
+def frames_of(text: str) -> list[str]:
+    return [found[0] for line in lines_of(text) if (found := re.search(r"CYCL DEF (?:8|10)\.1.*", line))]
+
+
+@pytest.mark.parametrize(
+    "frame", [turned("ROT+35"), turned("ROT-90"), turned("IROT+400"), mirrored("X"), mirrored("Y"), mirrored("X Y")]
+)
+def test_turned_and_mirrored_coordinates_lead_as_the_player_has_them(frame: list[str]) -> None:
+    ends = turned("ROT+0") if "ROT" in frame[1] else mirrored("")
+    text = framed(*frame, "CALL LBL 1", *ends, "CALL LBL 1")
+    assert_same(text, ROUNDED)
+    assert frames_of(text) == [ends[1].replace("8.1 ", "8.1")] * 2
+    data = written(text).encode()
+    end = data[: data.index(b"M30")].count(b"\n")
+    notes = [note.what for note in read_as("heidenhain", data, "a.h").notes if note.first < end]
+    assert all("cutter compensation" in what for what in notes)
+    assert len(notes) == 2
+    assert before_expansion(data, "a.h") == text.encode()
+
+
+def test_a_part_is_turned_on_from_call_to_call() -> None:
+    text = framed("LBL 2", "CALL LBL 1", *turned("IROT+72"), "CALL LBL 2 REP 4", *turned("ROT+0"), "CALL LBL 1")
+    assert_same(text, ROUNDED)
+    assert set(frames_of(text)) == {"CYCL DEF 10.1 ROT+0"}
+    assert len(TncPlayer(text).events) > 55
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_frames_lead_as_the_player_has_them(seed: int) -> None:
+    """Frames that cannot be written out stand among the others; the player knows what they do all the same."""
+    rng, blocks = random.Random(seed), list[str]()
+    for _ in range(rng.randint(2, 6)):
+        kind, angle = rng.random(), rng.choice(["+30", "-17.25", "+180", "+0"])
+        blocks += (
+            turned(rng.choice(["ROT", "ROT", "IROT"]) + angle) if kind < 0.6 else mirrored(rng.choice(["X", "", "Y"]))
+        )
+        moves = [
+            "CALL LBL 1",
+            f"L X+{rng.randint(1, 9)} Y-3 F500",
+            "L IX+2.5 IY-1",
+            "L IX-4",
+            "CYCL DEF 9.0 DWELL TIME",
+        ]
+        blocks += [f"L X+{rng.randint(0, 5)} Y+1 R0 FMAX", *rng.sample(moves, rng.randint(1, 4))]
+    assert_same(framed(*blocks, *turned("ROT+0"), *mirrored("")), ROUNDED)
+
+
+@pytest.mark.parametrize(
+    ("blocks", "why"),
+    [
+        ([*turned("ROT+30"), "L X+5 F500", *turned("ROT+0")], "the first move does not name X and Y"),
+        ([*turned("ROT+30"), "L X+5 Y+5 F500", *turned("ROT+0"), "L IX+5"], "the first move behind it"),
+        ([*turned("ROT+30"), "L X+5 Y+5 F500", "CYCL DEF 7.0", "CYCL DEF 7.1 X+5", *turned("ROT+0")], "not followed"),
+        ([*turned("ROT+30"), "L X+5 Y+5 F500", "CYCL CALL", *turned("ROT+0")], "not followed"),
+        ([*turned("ROT+30"), *mirrored("X"), "CALL LBL 1", *turned("ROT+0"), *mirrored("")], "a rotation and a mirror"),
+        (["CC X+1 Y+1", *turned("ROT+30"), "L X+5 Y+5", "C X-3 Y-3 DR+", *turned("ROT+0")], "a centre from before"),
+        ([*turned("ROT+30"), "L X+5 Y+5", "CC X+0 Y+0", *turned("ROT+0"), "L X+5 Y+5", "C X-5 Y-5 DR+"], "behind it"),
+        (["L X+5 Y+5 RL F500", *mirrored("X"), "CALL LBL 1", *mirrored("")], "it begins beside the contour"),
+        ([*mirrored("X Z"), "CALL LBL 1", *mirrored("")], "not in the plane of X and Y"),
+        ([*turned("ROT+Q5"), "CALL LBL 1", *turned("ROT+0")], "not known"),
+        ([*turned("ROT+30"), "L X+5 Y+5", "/ L X+7", *turned("ROT+0")], "switch says"),
+        ([*turned("ROT+30"), "L X+5 Y+5", "L X+7 M97", *turned("ROT+0")], "not followed"),
+    ],
+)
+def test_frames_that_stay_are_named(blocks: list[str], why: str) -> None:
+    text = framed(*blocks)
+    found = expand(text.encode(), "a.h", language="heidenhain")
+    assert [note for note in found.notes if why in note and " stays as it is: " in note]
+    assert frames_of(text) == [block for block in blocks if re.search(r"CYCL DEF (?:8|10)\.1", block)]
+
+
+def test_a_frame_behind_one_that_stays_is_written_out() -> None:
+    blocks = ["L X+5 Y+5", "L X+7 M97"]
+    text = framed(*turned("ROT+30"), "CALL LBL 1", *turned("IROT+10"), *blocks, *turned("IROT+5"), "CALL LBL 1")
+    assert frames_of(text) == [f"CYCL DEF 10.1 ROT+{angle}" for angle in (0, 40, 0)]

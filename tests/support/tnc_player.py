@@ -1,13 +1,17 @@
 """What a conversational program moves, played block by block as the manuals tell; nothing is shared with ph_post.
 
-Formulas are turned into Python's own. The player knows labels, repeats, jumps, L, C with CC, CR, and cycles 1, 200,
-201, 203, 205, 240 and 9; a block with anything else is kept as it stands, for comparison.
+Formulas are turned into Python's own. The player knows labels, repeats, jumps, L, C with CC, CR, CP by an angle, and
+cycles 1, 200, 201, 203, 205, 240 and 9; a block with anything else is kept as it stands, for comparison. Places are
+told as the datum has them: cycles 8 and 10 are matrices.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 import re
+
+import numpy as np
 
 _FUNCTIONS = {
     "SIN": lambda x: math.sin(math.radians(x)),
@@ -37,11 +41,13 @@ class _Function:
 
 
 class TncPlayer:
-    """`events` are moves: the word, the place, the feed, and of arcs the centre or radius and the sense; and dwells."""
+    """`events` are dwells and moves: the word, the place, the feed, the side of the cutter (1 right, -1 left), and of
+    arcs the sense (1 left) and the centre or radius."""
 
     def __init__(self, text):
         self.q, self.at, self.events = {}, dict.fromkeys("XYZ", 0.0), []
         self.feed, self.pole, self.cycle = None, {}, None
+        self.turned, self.mirrored, self.frame = 0.0, "", np.eye(2)
         joined = re.sub(r"~[ \t]*(?=\n)", "", re.sub(r";[^\n~]*", "", text))
         joined = re.sub(r"\n\s*(?=Q\d{3}\s*=)", " ", joined)
         self.blocks = [re.sub(r"^\s*\d+\s+", "", line).strip() for line in joined.splitlines()]
@@ -90,13 +96,19 @@ class TncPlayer:
             return
         if word == "TOOL":
             self.feed = float(found[1]) if (found := re.search(r" F(\d+)", block)) else self.feed
-        places = {}
+        places, here = {}, self.seen(self.at)
         for step, axis, number in re.findall(r"(?<![A-Z])(I?)([XYZ])([-+]?(?:Q\d+|[\d.]+))", block):
-            places[axis] = self.number(number) + (self.at[axis] if step else 0.0)
+            places[axis] = self.number(number) + (here[axis] if step else 0.0)
         if word == "CC":
-            self.pole = {**self.pole, **places}
+            had = self.seen(self.pole) if self.pole and places else here
+            self.pole = self.placed({axis: {**had, **places}[axis] for axis in "XY"})
             return
-        if word in ("L", "C", "CR", "CYCL") or re.match(r"M\d", word):
+        if found := re.match(r"CP .*?\b(I?)PA([-+][\d.]+)", block):
+            pole = self.seen(self.pole)
+            away, angle = complex(here["X"] - pole["X"], here["Y"] - pole["Y"]), math.radians(float(found[2]))
+            away = away * cmath.exp(1j * angle) if found[1] else cmath.rect(abs(away), angle)
+            places |= {"X": pole["X"] + away.real, "Y": pole["Y"] + away.imag}
+        if word in ("L", "C", "CR", "CP", "CYCL") or re.match(r"M\d", word):
             self.move(word, block, places)
         elif word not in ("TOOL", "BEGIN", "END", "LBL", ""):
             self.events.append(("kept", block))
@@ -107,18 +119,41 @@ class TncPlayer:
         rapid = "FMAX" in block
         found = re.search(r"(?<![A-Z])F(Q?\d[\d.]*)", block)
         self.feed = self.number(found[1]) if found else self.feed
-        moves = word in ("C", "CR") or any(self.at[axis] != place for axis, place in places.items())
+        here = self.seen(self.at)
+        moves = word in ("C", "CR", "CP") or any(here[axis] != place for axis, place in places.items())
+        if {"X", "Y"} & set(places):
+            places = {**self.placed({**here, **places}), "Z": places.get("Z", self.at["Z"])}
         self.at |= places
         orders = [code for code in re.findall(r"M\d+", block) if code != "M99"]
-        if moves and word in ("L", "C", "CR"):
-            more = ()
+        side = re.search(r" R([LR])\b", block)
+        right = np.linalg.det(self.frame) * {None: 0, "L": -1, "R": 1}[side and side[1]]
+        if moves and word in ("L", "C", "CR", "CP"):
+            more = (round(right),)
             if word != "L":
                 radius = re.search(r" R([-+]Q?[\d.]+)", block)
-                more = (re.findall(r"DR[+-]", block), self.number(radius[1]) if radius else dict(self.pole))
+                left = np.linalg.det(self.frame) * float(re.search(r"DR([+-])", block)[1] + "1")
+                more += (round(left), self.number(radius[1]) if radius else dict(self.pole))
             self.events.append((word, *self.at.values(), "MAX" if rapid else self.feed, *more))
         self.events += [("order", code) for code in orders]
 
+    def seen(self, place):
+        """Return a place of the datum as the frame has it."""
+        xy = np.linalg.solve(self.frame, [place["X"], place["Y"]])
+        return {**place, **dict(zip("XY", xy.tolist(), strict=True))}
+
+    def placed(self, place):
+        """Return a place of the frame as the datum has it."""
+        return dict(zip("XY", (self.frame @ [place["X"], place["Y"]]).tolist(), strict=True))
+
     def define(self, number, part, block):
+        if number in (8, 10):
+            if found := re.search(r"10\.1 (I?)ROT([-+][\d.]+)", block):
+                self.turned = float(found[2]) + (self.turned if found[1] else 0.0)
+            elif found := re.search(r"8\.1(.*)", block):
+                self.mirrored = found[1]
+            c, s = math.cos(math.radians(self.turned)), math.sin(math.radians(self.turned))
+            self.frame = np.diag([-1.0 if axis in self.mirrored else 1.0 for axis in "XY"]) @ [[c, -s], [s, c]]
+            return
         if number == 9:
             if part == "1":
                 self.events.append(("dwell", self.number(re.search(r"(\S+)$", block)[1])))
@@ -132,7 +167,7 @@ class TncPlayer:
     def z(self, place, feed):
         if place != self.at["Z"]:
             self.at["Z"] = place
-            self.events.append(("L", *self.at.values(), feed))
+            self.events.append(("L", *self.at.values(), feed, 0))
 
     def wait(self, seconds):
         if seconds:
