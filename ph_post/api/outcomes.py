@@ -166,9 +166,18 @@ _WRITTEN_OUT: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """What begins the notes of stretches that can be written out, by dialect."""
 
-_FLAT_FRAME: Final = re.compile(rb"CYCL\s+DEF\s+(?:8|10)\.1", re.IGNORECASE)
-_OTHER_FRAME: Final = re.compile(rb"CYCL\s+DEF\s+(?:11|19|26)\b|\bPLANE\b|\bTCPM\b|M\s*128(?!\d)", re.IGNORECASE)
-"""Frames of Heidenhain that are written out, and others."""
+_FLAT_FRAMES: Final = {
+    "heidenhain": re.compile(rb"CYCL\s+DEF\s+(?:8|10)\.1", re.IGNORECASE),
+    "siemens": re.compile(rb"\bA?(?:ROT|MIRROR)\b", re.IGNORECASE),
+}
+"""Frames that are written out, by dialect."""
+
+_OTHER_FRAME: Final = re.compile(
+    rb"CYCL\s+DEF\s+(?:11|19|26)\b|\bPLANE\b|\bTCPM\b|M\s*128(?!\d)|\bA?(?:SCALE|ROTS)\b|CROTS|CYCLE800|TRA[A-Z]+\b(?<!TRANS)"
+    rb"|\bTO(?:FRAME|ROT)|PAROT|DIAMON|DIAM90",
+    re.IGNORECASE,
+)
+"""What has frames besides that are not."""
 
 _CUTTER: Final = "cutter compensation"
 
@@ -190,7 +199,8 @@ def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) 
     if not notes:
         return ()
     known = (*_WRITTEN_OUT.get(base, ()), *(_ON_LATHES if program.language.diameters else ()))
-    if base == "heidenhain" and _FLAT_FRAME.search(program.data) and not _OTHER_FRAME.search(program.data):
+    flat = _FLAT_FRAMES.get(base)
+    if flat is not None and flat.search(program.data) and not _OTHER_FRAME.search(program.data):
         known += (_TURNED,)
     helped = [] if expanded else [note for note in notes if note.what.startswith(known)]
     # What is advised has to be true of the stretch that is named.

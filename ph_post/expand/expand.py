@@ -14,6 +14,7 @@ import numpy as np
 
 from ph_post.expand.fanuc import FanucRunner
 from ph_post.expand.faults import ExpandError
+from ph_post.expand.frame_writer import FrameWriter
 from ph_post.expand.iso_corners import IsoCorners
 from ph_post.expand.klartext import KlartextRunner
 from ph_post.expand.klartext_corners import KlartextCorners
@@ -24,6 +25,7 @@ from ph_post.expand.macro import FanucNumbers
 from ph_post.expand.progress import WrittenLines
 from ph_post.expand.run import ProgramRunner
 from ph_post.expand.sinumerik import SinumerikRunner
+from ph_post.expand.sinumerik_frames import SinumerikFrames
 from ph_post.expand.tools import ToolShape
 from ph_post.expand.turning import is_turned
 from ph_post.expand.writing import DECIMALS, EXPANDED, Spoken, Written, head_line
@@ -44,7 +46,8 @@ _TURNED: Final = re.compile(rb"[UW][ \t]*[-+.\d]|G[ \t]*9[024](?!\d)", re.IGNORE
 """What a lathe's program has besides."""
 
 _STRUCTURED: Final = re.compile(
-    rb"\bR\d+\s*=|=\s*\S*\bR\d+\b|\b(?:REPEATB?|GOTO[FBC]?|FOR|WHILE|LOOP|IF|DEF)\b|\b(?:RND|CHF|CHR)[ \t]*=",
+    rb"\bR\d+\s*=|=\s*\S*\bR\d+\b|\b(?:REPEATB?|GOTO[FBC]?|FOR|WHILE|LOOP|IF|DEF|A?ROT|A?MIRROR)\b"
+    rb"|\b(?:RND|CHF|CHR)[ \t]*=",
     re.IGNORECASE,
 )
 """What a program of Siemens that computes has somewhere."""
@@ -147,9 +150,9 @@ def expand(
         Where subprograms are that are files of their own.
     language : {"linuxcnc", "siemens", "heidenhain"} or FanucNumbers
         Of Siemens R parameters, repeats, loops, choices and jumps are written out; of Heidenhain's conversational
-        programs Q parameters, jumps, labels, drilling cycles, and turned and mirrored coordinates; of Fanuc, by how its
-        control counts, M98 and M99, G65, the statements of custom macro B, cycles and turned coordinates, and what
-        stands behind the end of the main program stays.
+        programs Q parameters, jumps, labels and drilling cycles; of both turned and mirrored coordinates; of Fanuc, by
+        how its control counts, M98 and M99, G65, the statements of custom macro B, cycles and turned coordinates, and
+        what stands behind the end of the main program stays.
     parameters : mapping of int to float, optional
         The controller's own file of parameters, for LinuxCNC.
     tools : mapping of int to ToolShape, optional
@@ -199,8 +202,9 @@ def expand(
         found = _linuxcnc(source, folders, parameters, tools or {}, inches=inches, version=version)
     if corners is not None:
         found = _with_more(found, corners, name)
-    if language == "heidenhain":
-        found = _with_more(found, KlartextFrames(found.lines), name)
+    if language in ("heidenhain", "siemens"):
+        frames = KlartextFrames(found.lines) if language == "heidenhain" else SinumerikFrames(found.lines)
+        found = _with_more(found, frames, name)
     if not found.changed:
         return Expansion(data=data, notes=found.notes)
     written = Written(
@@ -267,7 +271,7 @@ def _linuxcnc(
     return _Lines(*lines, runner.blocks.changed, tuple(notes))
 
 
-def _with_more(found: _Lines, more: IsoCorners | KlartextCorners | KlartextFrames, name: str) -> _Lines:
+def _with_more(found: _Lines, more: IsoCorners | KlartextCorners | FrameWriter, name: str) -> _Lines:
     """Write the corners or frames of a program out; those that stay are named."""
     lines, origins = more.written()
     notes = (f"{name}:{found.origins[line - 1] + 1}: {note}" for note, line in more.notes.items())

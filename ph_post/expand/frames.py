@@ -1,4 +1,4 @@
-"""Turned, scaled and mirrored coordinates of Fanuc: G68, G51 and G51.1.
+"""Turned, scaled and mirrored coordinates: of Fanuc G68, G51 and G51.1, of other controls those of a plane.
 
 FANUC Series 30i/31i/32i-MODEL B, Operator's Manual for Machining Center System, B-64484EN-2, and Series 0i-F,
 B-64604EN-2: "Coordinate system rotation", "Scaling", "Programmable mirror image".
@@ -73,20 +73,37 @@ class TurnedFrame(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PlaneFrame(msgspec.Struct, frozen=True, kw_only=True):
-    """What becomes of places of a plane, as complex numbers: mirrored first where it `flips`, then turned by `turn`."""
+    """What becomes of places of a plane, complex numbers: mirrored where it `flips`, turned by `turn`, then shifted."""
 
     turn: complex = 1.0 + 0.0j
     flips: bool = False
+    shift: complex = 0.0 + 0.0j
 
     def apply(self, place: complex) -> complex:
-        """Return a place, or a way, without the frame, of one in it.
+        """Return a place without the frame, of one in it.
 
         Examples
         --------
-        >>> PlaneFrame(turn=1j).apply(3 + 1j), mirrored_in("X").apply(3 + 1j)
-        ((-1+3j), (-3+1j))
+        >>> PlaneFrame(turn=1j, shift=2.0).apply(3 + 1j), mirrored_in("X").apply(3 + 1j)
+        ((1+3j), (-3+1j))
         """
-        return self.turn * (place.conjugate() if self.flips else place)
+        return self.way(place) + self.shift
+
+    def way(self, way: complex) -> complex:
+        """Return a difference of places without the frame, of one in it."""
+        return self.turn * (way.conjugate() if self.flips else way)
+
+    def within(self, other: PlaneFrame) -> PlaneFrame:
+        """Return the frame that another one makes in this one.
+
+        Examples
+        --------
+        >>> turned = PlaneFrame(turn=1j, shift=2.0)
+        >>> turned.within(mirrored_in("X")).apply(3 + 1j) == turned.apply(-3 + 1j)
+        True
+        """
+        turn = other.turn.conjugate() if self.flips else other.turn
+        return PlaneFrame(turn=self.turn * turn, flips=self.flips != other.flips, shift=self.apply(other.shift))
 
 
 def turned_by(angle: float) -> PlaneFrame:

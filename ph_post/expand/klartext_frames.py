@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from ph_post.expand.faults import NotExpandableError
+from ph_post.expand.frame_writer import FrameStandsError, FrameWriter
 from ph_post.expand.frames import PlaneFrame, mirrored_in, turned_by
 from ph_post.expand.klartext_cycles import OF_THEIR_OWN
 from ph_post.expand.klartext_lines import NUMBER, KlartextBlock, read_blocks, tnc_number, tnc_value
@@ -28,7 +29,6 @@ from ph_post.expand.klartext_moves import (
     center_words,
     read_move,
 )
-from ph_post.expand.progress import WrittenLines, origins_within
 
 _ROTATION: Final = re.compile(rf"CYCL\s+DEF\s+10\.1\s+(I?)ROT\s*({NUMBER})$")
 _MIRROR: Final = re.compile(r"CYCL\s+DEF\s+8\.1\b\s*([A-Z\s]*)$")
@@ -53,57 +53,33 @@ _ABOUT_POLE: Final = re.compile(r"(?:[CL]P|C|APPR|DEP)(?![A-Z])")
 _MACHINE: Final = frozenset((91, 92))
 _OTHER_SENSE: Final = {"+": "-", "-": "+"}
 _OTHER_SIDE: Final = {"L": "R", "R": "L"}
-_MOST_STANDING: Final = 20
-"""Frames of one program that are tried in vain."""
 
 
-class _StandsError(Exception):
-    """A frame, by the row of its definition, that has to stay as it is, and why; all of them where it is None."""
-
-    def __init__(self, row: int | None, why: str) -> None:
-        super().__init__(why)
-        self.row, self.why = row, why
-
-
-class KlartextFrames:
-    """Writes out what moves in turned or mirrored coordinates; a frame that stays is told.
+class KlartextFrames(FrameWriter):
+    """Writes out what moves in turned or mirrored coordinates of a conversational program.
 
     Parameters
     ----------
     lines : sequence of str
         Of a program that runs from the first to the last, with plain numbers.
-
-    Attributes
-    ----------
-    notes : dict of str to int
-        Frames that stay as they are, and why, with the first line of each kind, from 1.
     """
 
     def __init__(self, lines: Sequence[str]) -> None:
-        self.notes: dict[str, int] = {}
-        self._lines, self._blocks = list(lines), read_blocks(lines)
+        super().__init__()
+        self._blocks = read_blocks(lines)
 
-    def written(self) -> WrittenLines:
-        """Return the lines, and which of those that were read each comes of."""
-        standing = set[int]()
-        while len(standing) < _MOST_STANDING and any(_FRAME.match(block.words) for block in self._blocks):
-            work = _FrameWork(self._blocks, standing)
-            try:
-                rows = work.written()
-            except _StandsError as error:
-                at = next((k for k, one in enumerate(self._blocks) if _FRAME.match(one.words)), 0)
-                place = self._blocks[at if error.row is None else error.row]
-                self.notes.setdefault(f"{place.words} stays as it is: {error.why}", place.first + 1)
-                if error.row is None:
-                    break
-                standing.add(error.row)
-                continue
-            texts, origins = list[str](), list[int]()
-            for block, lines in zip(self._blocks, rows, strict=True):
-                texts += lines
-                origins += origins_within(block.first, len(block.lines), len(lines))
-            return WrittenLines(texts, origins)
-        return WrittenLines(self._lines, list(range(len(self._lines))))
+    @property
+    def _first(self) -> int | None:
+        return next((row for row, block in enumerate(self._blocks) if _FRAME.match(block.words)), None)
+
+    def _read(self) -> list[tuple[int, list[str]]]:
+        return [(block.first, block.lines) for block in self._blocks]
+
+    def _words(self, row: int) -> str:
+        return self._blocks[row].words
+
+    def _made(self, standing: set[int]) -> list[list[str]]:
+        return _FrameWork(self._blocks, standing).written()
 
 
 class _FrameWork:
@@ -126,7 +102,7 @@ class _FrameWork:
         rows = [block.lines for block in self._blocks]
         for row, block in enumerate(self._blocks):
             if _INCH.match(block.words):
-                raise _StandsError(None, "the program is in inches")
+                raise FrameStandsError(None, "the program is in inches")
             if _FRAME.match(block.words):
                 text = self._defined(row, block)
                 rows[row] = block.lines if text is None else block.with_words(text)
@@ -136,7 +112,7 @@ class _FrameWork:
                 try:
                     text = self._moved(block)
                 except NotExpandableError as error:
-                    raise _StandsError(self._row, f"{error.what}: {block.words[:40]}") from None
+                    raise FrameStandsError(self._row, f"{error.what}: {block.words[:40]}") from None
                 rows[row] = block.lines if text is None else block.with_words(text)
             if _ENDS.search(block.words):
                 break
@@ -148,7 +124,7 @@ class _FrameWork:
         """Follow a definition; return what is written for it, None where it stays."""
         rotation, mirror = _ROTATION.match(block.words), _MIRROR.match(block.words)
         if block.slash or (rotation is None and mirror is None):
-            raise _StandsError(None, "its numbers are not known, or it runs or not as a switch says")
+            raise FrameStandsError(None, "its numbers are not known, or it runs or not as a switch says")
         if rotation is not None:
             self._angle, self._turned_by = tnc_value(rotation[2]) + (self._angle if rotation[1] else 0.0), row
         elif mirror is not None:
@@ -158,23 +134,29 @@ class _FrameWork:
         if self._frame is not None and own == self._row and turns != mirrors:
             return None  # no more than an end of what was not in force
         if self._frame is not None:
+            if self._side != "0":
+                raise FrameStandsError(self._row, "the next frame begins beside the contour")
             self._behind = self._old_pole = self._row
         self._frame = None
         if turns and mirrors:
-            for one in (self._turned_by, self._mirrored_by):
-                if one != row and one not in self._standing:
-                    raise _StandsError(one, "a rotation and a mirror at a time")
-            self._standing.add(row)
+            self._stand_both(row)
         if not (turns or mirrors) or {own, row} & self._standing:
             absolute = f"CYCL DEF 10.1 ROT{_signed(math.fmod(self._angle, 360.0))}"
             return absolute if rotation is not None and rotation[1] else None
         if self._side != "0":
-            raise _StandsError(row, "it begins beside the contour")
+            raise FrameStandsError(row, "it begins beside the contour")
         if not self._upright or set(self._axes) - set("XY"):
-            raise _StandsError(row, "it is not in the plane of X and Y")
+            raise FrameStandsError(row, "it is not in the plane of X and Y")
         self._frame, self._row = turned_by(self._angle) if turns else mirrored_in(self._axes), row
         self._at = self._pole = self._behind = None
         return "CYCL DEF 10.1 ROT+0" if turns else "CYCL DEF 8.1"
+
+    def _stand_both(self, row: int) -> None:
+        """Leave a rotation and a mirror that are in force at a time, of which `row` defines the second."""
+        for one in (self._turned_by, self._mirrored_by):
+            if one != row and one not in self._standing:
+                raise FrameStandsError(one, "a rotation and a mirror at a time")
+        self._standing.add(row)
 
     # ------------------------------------------------------------------ without a frame
 
@@ -187,15 +169,15 @@ class _FrameWork:
         if self._old_pole is not None and words.startswith("CC"):
             places = center_words(words)
             if len(places) == 1 and not places[0][0]:
-                raise _StandsError(self._old_pole, "a centre behind it that has one axis")
+                raise FrameStandsError(self._old_pole, "a centre behind it that has one axis")
             self._old_pole = None
         if self._old_pole is not None and _ABOUT_POLE.match(words):
-            raise _StandsError(self._old_pole, "a centre in it counts behind it")
+            raise FrameStandsError(self._old_pole, "a centre in it counts behind it")
         if self._behind is None or not _PLANE_MOVE.match(words):
             return
         move = None if block.slash else read_move(block)
         if move is None or not _names_both(move):
-            raise _StandsError(self._behind, "the first move behind it does not name X and Y")
+            raise FrameStandsError(self._behind, "the first move behind it does not name X and Y")
         self._behind = None if not _MACHINE & set(move.functions) else self._behind
 
     # ------------------------------------------------------------------ within a frame

@@ -5,6 +5,7 @@ import random
 import re
 
 import pytest
+from support.sinumerik_player import SinumerikPlayer
 
 from ph_post.api.expansion import before_expansion
 from ph_post.expand.expand import ExpandError, expand
@@ -221,3 +222,85 @@ def test_variables_that_the_program_defines_have_values_as_r_parameters_do() -> 
 @pytest.mark.parametrize("line", ["DEF REAL A[3]=5", "DEF STRING[9] NAME", "DEF BOOL A=TRUE", "DEF AXIS A"])
 def test_other_variables_are_not_followed(line: str) -> None:
     assert "X=A" in lines_of(f"{line}\nDEF REAL B=1\nX=A\nX=B\nM30\n")
+
+
+SHAPE = """G0 X0 Y0
+G41 G1 X0 Y-4 Z=AC(-1) F300
+G3 X4 Y-8 I4 J0
+G1 X30 F900
+Y10
+G2 X20 Y20 CR=10
+G91 G1 X-2.5
+G3 X-3 Y-1 I=AC(17.5) J-1
+G90 X=IC(-2) Y17 I-1 J-1
+G40 G1 Y5
+G0 Z5
+"""
+FRAMES = ("ROT RPL=30", "AROT RPL=-17.25", "AROT Z90", "MIRROR X0", "AMIRROR Y=0", "AMIRROR X0 Y0", "TRANS X3.5 Y-2")
+FRAMES += ("ATRANS X1.25 Z0.5", "ROT", "TRANS", "MIRROR")
+
+
+def framed(*parts):
+    return (
+        "G17 G90\nG0 X-5 Y-5 Z5\n" + "".join(part if part.endswith("\n") else f"{part}\n" for part in parts) + "M30\n"
+    )
+
+
+def assert_led_the_same(text):
+    expected = SinumerikPlayer(re.sub(r"(ROT) Z", r"\1 RPL=", text)).events
+    found = SinumerikPlayer(expand(text.encode(), "a.mpf", language="siemens").data.decode()).events
+    assert len(found) == len(expected)
+    for one, other in zip(found, expected, strict=True):
+        assert one == pytest.approx(other, abs=2e-5), (one, other)
+
+
+@pytest.mark.parametrize("frame", FRAMES[:6])
+@pytest.mark.parametrize("before", ["", "TRANS X7 Y3 Z1"])
+def test_turned_and_mirrored_coordinates_lead_as_the_player_has_them(frame, before):
+    text = framed(before, frame, SHAPE, "ROT", SHAPE)
+    assert_led_the_same(text)
+    found = lines_of(text)
+    assert not [line for line in found if re.match(r"A?(?:ROT|MIRROR) \S", line)]
+    assert ("TRANS X7 Y3 Z1" in found) == bool(before)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_random_frames_lead_as_the_player_has_them(seed):
+    rng, parts = random.Random(seed), []
+    for _ in range(rng.randint(2, 8)):
+        parts += rng.choices(FRAMES, k=rng.randint(0, 2))
+        parts += [
+            "G0 X1 Y2",
+            *rng.sample([SHAPE, "G91 G1 X-1 F200\nG90\n", "G1 X=IC(3)", "Y4", "G0 Z2"], rng.randint(1, 4)),
+        ]
+    text = framed(*parts)
+    assert_led_the_same(text)
+    assert not expand(text.encode(), "a.mpf", language="siemens").notes
+
+
+@pytest.mark.parametrize(
+    ("parts", "why"),
+    [
+        (["ROT RPL=30", "G1 X5 F200"], "the first move is not straight to X and Y"),
+        (["ROT RPL=30", "G0 X5 Y5", "ROT", "G1 X=IC(5) F200"], "the first move behind it"),
+        (["ROT RPL=30", "G0 X5 Y5", "L10"], "not followed"),
+        (["ROT RPL=30", "G0 X5 Y5", "CYCLE81(10,0,2,-5)"], "not followed"),
+        (["ROT RPL=30", "G0 X5 Y5", "G110 X0 Y0"], "not followed"),
+        (["ROT RPL=30", "G0 X5 Y5", "CYCLE800(0)"], "another frame"),
+        (["ROT RPL=30", "G0 X5 Y5", "/G1 X7"], "not followed"),
+        (["ROT RPL=30", "G0 X5 Y5", "G0 SUPA Z0"], "not followed"),
+        (["ROT X30", "G0 X5 Y5"], "does not turn in the plane"),
+        (["MIRROR Z0", "G0 X5 Y5"], "not in the plane"),
+        (["SCALE X2 Y2", "AROT RPL=30", "G0 X5 Y5"], "scaled"),
+        (["ROT RPL=30", "G0 X5 Y5", "ASCALE X2", "G0 X1 Y1"], "on top of it"),
+        (["ROT RPL=30", "G41 G0 X5 Y5", "ROT", "G40 G0 X5 Y5"], "begins beside the contour"),
+        (["ROT RPL=R7", "G0 X5 Y5"], "not known"),
+        (["DIAMON", "ROT RPL=30", "G0 X5 Y5"], "diameters"),
+        (["G18", "ROT RPL=30", "G0 X5 Y5"], "no G17"),
+    ],
+)
+def test_frames_that_stay_are_named(parts, why):
+    text = framed(*parts)
+    found = expand(text.encode(), "a.mpf", language="siemens")
+    assert [note for note in found.notes if why in note and " stays as it is: " in note]
+    assert found.data.decode() == text
