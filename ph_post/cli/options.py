@@ -457,9 +457,9 @@ _EXPANDING = (
         "--expand",
         is_flag=True,
         help="Write a program out first: parameters, loops, subprograms, cycles and cutter compensation become plain "
-        "motions. For LinuxCNC; subprograms, macros, cycles and turned coordinates also for Fanuc; R "
-        "parameters, repeats, loops and jumps for Siemens; Q parameters, labels, jumps and drilling cycles for "
-        "Heidenhain; corners that these three round or chamfer.",
+        "motions. For LinuxCNC; subprograms, macros and cycles also for Fanuc; R parameters, repeats, loops and "
+        "jumps for Siemens; Q parameters, labels, jumps and drilling cycles for Heidenhain; turned and mirrored "
+        "coordinates, and corners that are rounded or chamfered, for these three.",
     ),
     click.option(
         "--subprograms",
