@@ -16,6 +16,8 @@ from typing import ClassVar, Final
 from ph_post.expand.faults import ExpandError, NotExpandableError
 from ph_post.expand.klartext_cycles import OF_THEIR_OWN, KlartextCycle, values_of
 from ph_post.expand.klartext_lines import (
+    ENDS,
+    IN_INCHES,
     KlartextBlock,
     KlartextStore,
     parameter_of,
@@ -43,7 +45,6 @@ _QUIET: Final = re.compile(r"$|\*|(?:BLK\s+FORM|TOOL\s+DEF|STOP|BEGIN\s+PGM|END\
 _WITH_VALUES: Final = re.compile(r"(?:TOOL\s+CALL|CYCL\s+CALL|FUNCTION|PLANE)\b|M\s*\d")
 _ODD_FLOW: Final = re.compile(r"CALL\s+LBL|FN\s*(?:9|10|11|12)\s*:|GOTO\b")
 _ASSIGNED: Final = re.compile(r"(?<![A-Z])(Q[LR]?\d+)\s*=")
-_ENDS: Final = re.compile(r"(?<![A-Z\d])M\s*0*(?:2|30)(?!\d)|^END\s+PGM")
 _MOVES: Final = re.compile(r"(?:LP|LN|L|CTP|CT|CC|CR|CP|C|APPR|DEP|RND|CHF)(?![A-Z]|\s*=)|L(?=I?[XYZ]\s*[-+\d.Q])")
 _FEED: Final = re.compile(r"(?<![A-Z])F\s*(MAX|AUTO|[ZTU]?\s*[-+]?(?:[\d.,]+|Q[LR]?\d+))")
 _SIDE: Final = re.compile(r"(?<![A-Z])R([0LR])(?![\d.])")
@@ -97,7 +98,7 @@ class KlartextRunner:
         self._feed: str | None = ""
         self._side = "0"
         self._modal = any(_MODAL_CALL.search(block.words) for block in self._blocks)
-        self._inch = any(re.match(r"BEGIN\s+PGM\b.*\bIN(?:CH\b|$)", block.words) for block in self._blocks[:3])
+        self._inch = any(IN_INCHES.match(block.words) for block in self._blocks[:3])
         self._rest: dict[str, float] = {}
 
     def run(self) -> WrittenLines:
@@ -123,7 +124,7 @@ class KlartextRunner:
         words = block.words
         if self._flows(index, block):
             return False
-        ends = _ENDS.search(words) is not None
+        ends = ENDS.search(words) is not None
         if words.startswith("END PGM") and self._calls:
             raise ExpandError("the program ends within a subprogram", expected="LBL 0")
         given = _SET.match(words)

@@ -20,7 +20,7 @@ from ph_post.expand.faults import NotExpandableError
 from ph_post.expand.frame_writer import FrameStandsError, FrameWriter
 from ph_post.expand.frames import PlaneFrame, mirrored_in, turned_by
 from ph_post.expand.klartext_cycles import OF_THEIR_OWN
-from ph_post.expand.klartext_lines import NUMBER, KlartextBlock, read_blocks, tnc_number, tnc_value
+from ph_post.expand.klartext_lines import ENDS, IN_INCHES, NUMBER, KlartextBlock, read_blocks, tnc_number, tnc_value
 from ph_post.expand.klartext_moves import (
     AT_THE_BEGIN,
     AT_THE_END,
@@ -34,8 +34,6 @@ _ROTATION: Final = re.compile(rf"CYCL\s+DEF\s+10\.1\s+(I?)ROT\s*({NUMBER})$")
 _MIRROR: Final = re.compile(r"CYCL\s+DEF\s+8\.1\b\s*([A-Z\s]*)$")
 _FRAME: Final = re.compile(r"CYCL\s+DEF\s+(?:8|10)\.(?!0)")
 _NAMED: Final = re.compile(r"CYCL\s+DEF\s+(?:8|10)\.0\b")
-_ENDS: Final = re.compile(r"(?<![A-Z\d])M\s*0*(?:2|30)(?!\d)|^END\s+PGM")
-_INCH: Final = re.compile(r"BEGIN\s+PGM\b.*\bIN(?:CH\b|$)")
 _STILL: Final = re.compile(
     r"$|\*|BLK\s+FORM|TOOL\s+DEF|BEGIN\s+PGM|STOP\b|(?:M\s*0*(?:[0-9]|13|14|30)\s*)+$|CYCL\s+DEF\s+(?:9|32)\b|(?:RND|CHF)\s*R?\s*[\d.,]"
     r"|(?:FN\s*(?:[0-8]|13)\s*:\s*)?Q[LRS]?\d+\s*="
@@ -101,7 +99,7 @@ class _FrameWork:
         """Return the lines of each block."""
         rows = [block.lines for block in self._blocks]
         for row, block in enumerate(self._blocks):
-            if _INCH.match(block.words):
+            if IN_INCHES.match(block.words):
                 raise FrameStandsError(None, "the program is in inches")
             if _FRAME.match(block.words):
                 text = self._defined(row, block)
@@ -114,7 +112,7 @@ class _FrameWork:
                 except NotExpandableError as error:
                     raise FrameStandsError(self._row, f"{error.what}: {block.words[:40]}") from None
                 rows[row] = block.lines if text is None else block.with_words(text)
-            if _ENDS.search(block.words):
+            if ENDS.search(block.words):
                 break
         return rows
 

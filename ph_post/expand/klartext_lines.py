@@ -17,6 +17,11 @@ from ph_post.expand.writing import number_text
 NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
 """A number as it is written, with a point or a comma."""
 
+ENDS: Final = re.compile(r"(?<![A-Z\d])M\s*0*(?:2|30)(?!\d)|^END\s+PGM")
+"""The end of a program, in the words of a block."""
+
+IN_INCHES: Final = re.compile(r"BEGIN\s+PGM\b.*\bIN(?:CH\b|$)")
+
 _LEAD: Final = re.compile(r"\s*(?:\d+(?=\s|$|/))?\s*(/?)\s*")
 _KINDS: Final = {"": 0, "L": 1, "R": 2}
 _KIND: Final = 10_000
