@@ -1,7 +1,7 @@
 """Motions of a conversational program, by a small interpreter of its own: dense places of the motors [mm].
 
-It follows L, CC, C, CR and CP with places, angles and increments, F, FMAX, FQ with FN 0 and cycle 9, up to END PGM, and
-passes over everything else. Nothing is shared with ph_post.
+It follows L, CC, C, CR and CP with places, angles and increments, F, FMAX, FQ with FN 0 and cycle 9, and
+passes over everything else, up to M2, M30 or END PGM. Nothing is shared with ph_post.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ class TncRun(Played):
             if bare.startswith("END PGM"):
                 break
             self._line(bare)
+            if re.search(r"\bM0?(?:2|30)\b", bare):
+                break
 
     def _line(self, line: str) -> None:
         word = line.split(" ", maxsplit=1)[0]
