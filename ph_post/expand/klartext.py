@@ -18,6 +18,7 @@ from ph_post.expand.klartext_cycles import OF_THEIR_OWN, KlartextCycle, values_o
 from ph_post.expand.klartext_lines import (
     ENDS,
     IN_INCHES,
+    SIDE,
     KlartextBlock,
     KlartextStore,
     parameter_of,
@@ -47,7 +48,6 @@ _ODD_FLOW: Final = re.compile(r"CALL\s+LBL|FN\s*(?:9|10|11|12)\s*:|GOTO\b")
 _ASSIGNED: Final = re.compile(r"(?<![A-Z])(Q[LR]?\d+)\s*=")
 _MOVES: Final = re.compile(r"(?:LP|LN|L|CTP|CT|CC|CR|CP|C|APPR|DEP|RND|CHF)(?![A-Z]|\s*=)|L(?=I?[XYZ]\s*[-+\d.Q])")
 _FEED: Final = re.compile(r"(?<![A-Z])F\s*(MAX|AUTO|[ZTU]?\s*[-+]?(?:[\d.,]+|Q[LR]?\d+))")
-_SIDE: Final = re.compile(r"(?<![A-Z])R([0LR])(?![\d.])")
 _TOOL: Final = re.compile(r"TOOL\s+CALL\b\s*(?:\"[^\"]*\"|Q[LRS]?\d+|[\d.]+)?\s*([XYZ])\b")
 _USED: Final = re.compile(r"(I?[XYZABCUVW]|I?P[AR]|(?<![A-Z])[A-Z]{1,2})?(\s*)([-+]?)Q([LR]?)(\d+)(?!\d|\s*=)")
 _PLACED: Final = frozenset("XYZABCUVW")
@@ -236,7 +236,7 @@ class KlartextRunner:
         """Write a block with the values of its parameters, and the cycle that it calls."""
         words = block.words
         text = self._with_values(words)
-        tool, side = _TOOL.match(words), _SIDE.search(words)
+        tool, side = _TOOL.match(words), SIDE.search(words)
         self._axis = tool[1] if tool else self._axis
         self._side = side[1] if side else self._side
         for feed in _FEED.finditer(text):

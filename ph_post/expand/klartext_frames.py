@@ -20,7 +20,16 @@ from ph_post.expand.faults import NotExpandableError
 from ph_post.expand.frame_writer import FrameStandsError, FrameWriter
 from ph_post.expand.frames import PlaneFrame, mirrored_in, turned_by
 from ph_post.expand.klartext_cycles import OF_THEIR_OWN
-from ph_post.expand.klartext_lines import ENDS, IN_INCHES, NUMBER, KlartextBlock, read_blocks, tnc_number, tnc_value
+from ph_post.expand.klartext_lines import (
+    ENDS,
+    IN_INCHES,
+    NUMBER,
+    SIDE,
+    KlartextBlock,
+    read_blocks,
+    tnc_number,
+    tnc_value,
+)
 from ph_post.expand.klartext_moves import (
     AT_THE_BEGIN,
     AT_THE_END,
@@ -42,7 +51,6 @@ _STILL: Final = re.compile(
 _DEFINED: Final = re.compile(r"CYCL\s+DEF\s+(1(?=\.)|[2-6](?=\.)|17|18|2\d\d)")
 _TOOL: Final = re.compile(r"TOOL\s+CALL\b(?!.*\b[XY]\b)")
 _OTHER_TOOL: Final = re.compile(r"TOOL\s+CALL\b.*\b[XY]\b")
-_SIDE: Final = re.compile(r"(?<![A-Z])R([0LR])(?![\d.])")
 _PLANE_MOVE: Final = re.compile(
     r"(?!CC|CYCL\s+DEF|FN\s*\d|FUNCTION)(?:APPR|DEP|L|C|F)[A-Z]*\s*.*?(?<![A-Z])(?:I?[XY]|I?P[AR])\s*[-+\d.Q]"
     r"|CYCL\s+CALL|CALL\b"
@@ -161,7 +169,7 @@ class _FrameWork:
     def _follow(self, block: KlartextBlock) -> None:
         """Follow a block that stays, up to where the place and the centre from the frame before are gone."""
         words = block.words
-        side = _SIDE.search(words) if words[:1] in "LC" else None
+        side = SIDE.search(words) if words[:1] in "LC" else None
         self._side = side[1] if side else self._side
         self._upright = not _OTHER_TOOL.match(words) and (self._upright or _TOOL.match(words) is not None)
         if self._old_pole is not None and words.startswith("CC"):

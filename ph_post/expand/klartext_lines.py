@@ -22,6 +22,9 @@ ENDS: Final = re.compile(r"(?<![A-Z\d])M\s*0*(?:2|30)(?!\d)|^END\s+PGM")
 
 IN_INCHES: Final = re.compile(r"BEGIN\s+PGM\b.*\bIN(?:CH\b|$)")
 
+SIDE: Final = re.compile(r"(?<![A-Z])R([0LR])(?![\d.])")
+"""The cutter's side, in the words of a block."""
+
 _LEAD: Final = re.compile(r"\s*(?:\d+(?=\s|$|/))?\s*(/?)\s*")
 _KINDS: Final = {"": 0, "L": 1, "R": 2}
 _KIND: Final = 10_000
