@@ -135,6 +135,9 @@ BESIDE: Final = 12
 AS_NEAR: Final = 0.01
 """Part of a step of the written places by which the error may grow then: half a step is rounded off each place."""
 
+ASTRAY: Final = 2.0
+"""Where a table is so many times the backlash ahead of its path, or behind it, it is looked at how far the path is."""
+
 SAMPLES: Final = 97
 """Places of a crossing at which its error is read off."""
 
@@ -432,8 +435,12 @@ class CrossingPlanner:
             float(spot.after[spot.column]),
             SAMPLES,
         )
-        # Beside a joint, and in tight bends, the nearest place of the path is not across from it.
-        error = error if error <= ERROR else float(polyline_distances(table, path).max())
+        # Beside a joint, and in tight bends, the nearest place of the path is not across from it; and where the path
+        # turns back on itself a block may leave out its end.
+        if error > ERROR or float(np.abs(ahead).max()) > ASTRAY * np.ptp(
+            [spot.before[spot.column], spot.after[spot.column]]
+        ):
+            error = float(max(polyline_distances(*both).max() for both in ((table, path), (path, table))))
         way = s
         cubics = self._motions.control  # the kinds of motions are looked up where there are any
         if cubics and (self._motions.kind[self._motion_at(s[0]) : self._locate(s[-1])[0] + 1] == CUBIC).any():

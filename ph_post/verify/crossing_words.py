@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -311,24 +312,37 @@ def _check_extrusion(case: VerifyCase, own: _Places, change: int, extruder: _Ext
     if one.language.bound is None or not (_extrudes(one, old) or _extrudes(other, new)):
         return
     start, relative = extruder.before(old[0])
-    before = _extruded(one, old, start, relative)
-    blocks, _, end = own.ends(0)
-    places = np.append(own.ends(1)[1][0], end)
-    amounts = np.append(start, _carried_on(before, blocks, start))
+    moved, placed = _extruded(one, old, own.ends(0)[0], start, relative)
+    new_moved, new_placed = _extruded(other, new, own.ends(1)[0], start, relative)
+    places = np.append(own.ends(1)[1][0], own.ends(0)[2])
+    amounts = np.append(0.0, moved)
     new_blocks, _, new_end = own.ends(1)
-    got = _carried_on(_extruded(other, new, start, relative), new_blocks, start)
-    for block, place, amount in zip(new_blocks.tolist(), new_end.tolist(), got.tolist(), strict=True):
-        low, high = (float(np.interp(place + way, places, amounts)) for way in (-own.spare, own.spare))
-        least, most = min(low, high), max(low, high)
-        spare = _DROP * max(1.0, abs(most - start))
+    for block, place, amount in zip(new_blocks.tolist(), new_end.tolist(), new_moved.tolist(), strict=True):
+        low, high = place - own.spare, place + own.spare
+        # Where filament is drawn back the most is at neither end.
+        near = [*np.interp((low, high), places, amounts), *amounts[(low <= places) & (places <= high)]]
+        least, most = min(near), max(near)
+        spare = _DROP * max(1.0, abs(most))
         if not least - spare <= amount <= most + spare:
             case.findings.add(
                 "command",
                 "E is not in proportion to the original's way",
                 compensated=int(block),
-                expected=f"E {0.5 * (least + most):.6g} in all",
-                got=f"E {amount:.6g}",
+                expected=f"E {start + 0.5 * (least + most):.6g} in all",
+                got=f"E {start + amount:.6g}",
             )
+    for (block, amount), (there, got) in zip_longest(placed, new_placed, fillvalue=(-1, 0.0)):
+        here = min(block, there) >= 0 and own.alike(own.of(0, block, after=False), own.of(1, there, after=False))
+        if not here or abs(got - amount) > _DROP * max(1.0, abs(amount)):
+            case.findings.add(
+                "command",
+                "what is extruded in place is not what the original extrudes there",
+                original=block if block >= 0 else None,
+                compensated=there if there >= 0 else None,
+                expected=f"E {amount:.6g}",
+                got=f"E {got:.6g}",
+            )
+            break
 
 
 def _extrudes(program: PartProgram, span: Any) -> bool:
@@ -355,19 +369,21 @@ class _Extruder:
         return (0.0 if self._relative else self._place), self._relative
 
 
-def _extruded(program: PartProgram, span: Any, start: float, relative: bool) -> dict[int, float]:
-    """Return the extruder's place behind each line that has an E word."""
-    at, found = start, {}
+def _extruded(
+    program: PartProgram, span: Any, blocks: IntArray, start: float, relative: bool
+) -> tuple[Array, list[tuple[int, float]]]:
+    """Return what the motions of some lines (n,) extrude up to their ends (n,) [mm], and which lines do it in place."""
+    at, along = start, np.zeros(blocks.size)
+    placed: list[tuple[int, float]] = []
     for block in range(span[0], span[1]):
         words = _EXTRUDED.findall(COMMENT.sub(b"", program.text(block)))
-        if words:
-            at = at + float(words[-1]) if relative else float(words[-1])
-            found[block] = at
-    return found
-
-
-def _carried_on(amounts: dict[int, float], blocks: IntArray, start: float) -> Array:
-    """Return the extruder's place behind each of some lines."""
-    lines = np.array([-1, *amounts], dtype=np.int64)
-    values = np.array([start, *amounts.values()])
-    return np.asarray(values[np.searchsorted(lines, blocks, side="right") - 1])
+        if not words:
+            continue
+        amount = float(words[-1]) - (0.0 if relative else at)
+        at += amount
+        first = int(np.searchsorted(blocks, block))
+        if first < blocks.size and blocks[first] == block:
+            along[first:] += amount
+        else:
+            placed.append((block, amount))
+    return along, placed

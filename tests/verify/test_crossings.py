@@ -356,6 +356,67 @@ def test_stops_of_an_axis_there_and_back_stand_in_one_change_with_a_crossing_of_
         assert not judged(ZIGZAG, text.replace(old, new)).ok, new
 
 
+PRINTED = """G21
+G90
+M83
+G0 X0 Y0 Z0
+G1 X20 Y10 F800 E1
+G1 X10 Y20 E1
+G1 X20 Y30 E1
+G1 E0.8
+G1 X30 E0.5
+G1 X30.4 Y29.8 E-0.8
+G0 X0 Y0 Z0
+"""
+
+PRINTED_STOPPED = """; ph-post 0.3.0 compensated this program
+; ph-post: original sha256 {digest}
+; ph-post: machine bench, sha256 0123456789abcdef
+; ph-post: options sha256 fedcba9876543210
+; ph-post: dialect klipper
+; ph-post: offset X 0.025 mm
+; ph-post: offset Y 0.025 mm
+; ph-post: 2 stops, 0 dips
+; ph-post: 1 crossings, up to 0.6000 mm long, within 0.0002 mm
+; ph-post: dwell 0.1 s, decimals 4, chord tolerance 0.001 mm, block time 5 ms
+G21
+G90
+M83
+G0 X0.025 Y0.025 Z0
+G1 X20.025 Y10.025 F800 E1
+; ph-post: +12 -5 X-, X+, crossing Y-
+G4 P100
+G1 X19.975 F300
+G4 P100
+G1 X9.975 Y20.025 F800 E1
+G4 P100
+G1 X10.025 F300
+G4 P100
+G1 X20.025 Y30.025 F800 E1
+G1 E0.8
+G1 X29.425 E0.47
+G1 X30.025 Y29.975 F802.7 E0.03
+G1 X30.425 Y29.775 F800 E-0.8
+G0 X0 Y0 Z0
+"""
+
+
+def test_filament_brought_forward_in_place_stays_between_its_motions():
+    """A printer brings it forward between two motions of a change, and draws it back from the end of a crossing on."""
+    text = PRINTED_STOPPED.format(digest=sha256(PRINTED.encode()).hexdigest())
+    assert [failure.sentence() for failure in judged(PRINTED, text).failures] == []
+    for old, new in (
+        ("F800 E1\nG1 E0.8\nG1 X29.425 E0.47", "F800 E1.8\nG1 X29.425 E0.47"),
+        ("G1 E0.8\nG1 X29.425 E0.47", "G1 X29.425 E1.27"),
+        ("E0.47", "E0.45"),
+        ("F802.7 E0.03", "F802.7 E0.04"),
+        ("F802.7 E0.03", "F802.7 E0.02"),
+    ):
+        assert text.count(old) == 1
+        wrong = text.replace(old, new).replace("+12", f"+{12 + new.count(chr(10)) - old.count(chr(10))}")
+        assert "command" in kinds(judged(PRINTED, wrong)), new
+
+
 FELT = 0.03
 """A place that is changed by more than this [mm] is outside every tolerance."""
 
