@@ -19,6 +19,7 @@ from ph_post.api.guard import (
     FURTHER,
     LARGE,
     LEAST,
+    MOST,
     ROUNDS,
     SLACK,
     Guard,
@@ -376,7 +377,7 @@ class _PlanSearch:
         self._over, self._further, self._enough = math.inf, 0, math.inf
         self._planned: set[float] = set()
         self._parts, self._halted = Counter[int](), 0
-        self._largest, self._pace, self._divided = 0.0, 1.0, False
+        self._largest, self._taken, self._divided = 0.0, 1.0, False
         self._longer, self._spared = 0.0, 0
         self._first: tuple[EditOptions, tuple[str, ...]] | None = None
 
@@ -395,7 +396,7 @@ class _PlanSearch:
                 again = self._judge(*self._written(edits), options)
             if again is None:
                 break
-            options = replace(again, pace=self._pace, longer=self._longer)
+            options = replace(again, pace=max(1.0, self._taken), longer=self._longer)
         if self._best is not None:
             return self._best
         original = self._original
@@ -458,7 +459,7 @@ class _PlanSearch:
             self._best = self._best or (made if again is None else None)
             return again
         if judged.planned > self._largest:
-            self._largest, self._pace = judged.planned, max(1.0, judged.slowdown / judged.planned)
+            self._largest, self._taken = judged.planned, judged.slowdown / judged.planned
         if judged.worse:
             again = self._stopping(options, judged, behind=any(one.behind for one in made.edits.crossings))
         else:
@@ -553,7 +554,7 @@ class _PlanSearch:
         if self._divided or not self._planner.offsets_axes:
             return None
         self._divided, self._further, self._over = True, 1, math.inf
-        less = self._request.edit.max_slowdown / self._pace
+        less = self._request.edit.max_slowdown / max(self._taken, 1.0 / MOST)
         if less <= self._largest <= less + SPARE:
             # With what does not count as slower it would be the same plan again, which took too long.
             less -= SPARE
