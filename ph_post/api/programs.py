@@ -371,7 +371,7 @@ class _PlanSearch:
         self._original = original
         self._count = section_spans(self._original.motions)[0].size
         self._said: tuple[str, ...] = ()
-        self._why, self._reasons = "", dict[str, None]()
+        self._why, self._reasons = list[str](), dict[str, None]()
         self._best: CompensatedProgram | None = None
         self._kept: tuple[EditOptions, GuardFinding] | None = None
         self._over, self._further, self._enough = math.inf, 0, math.inf
@@ -407,7 +407,7 @@ class _PlanSearch:
         return CompensatedProgram(before=original, after=original, edits=edits, windows=self._planner.windows)
 
     def _written(self, edits: Edits) -> tuple[CompensatedProgram, Places]:
-        """Write a plan, and check it: with no verdict the places are known whose lines no controller would take."""
+        """Write a plan, and check it; the places are those whose lines no controller would take, or that one."""
         original, request, planner = self._original, self._request, self._planner
         self._progress("writing")
         original.source.let_go()
@@ -420,17 +420,14 @@ class _PlanSearch:
         original.source.let_go()
         self._progress("verifying")
         after = reread(original, data)
-        if long is None:
-            verdict, refused = _verified(original, after, request, planner.machine)
-        else:
-            verdict, refused = None, _moved_by(original, after, long.lines)
-            if not refused:
+        verdict, refused = _verified(original, after, request, planner.machine)
+        self._why = [] if verdict is not None and verdict.ok else ["a change would not pass the check"]
+        if long is not None:
+            own = _moved_by(original, after, long.lines)
+            if not own:
                 raise long
-        self._why = (
-            "a change would not pass the check"
-            if long is None
-            else f"a line would be too long for {planner.dialect.name}"
-        )
+            self._why.append(f"a line would be too long for {planner.dialect.name}")
+            refused = (*refused, *own)
         original.source.let_go()
         after.source.let_go()
         timed = reckoned_feeds(after, planner.machine)
@@ -451,7 +448,7 @@ class _PlanSearch:
         """Keep a plan that is good, and better than the one before it; return the options of another to be tried."""
         assert made.edits is not None
         assert made.motions is not None
-        if made.verdict is None or not made.verdict.ok:
+        if refused or made.verdict is None or not made.verdict.ok:
             return self._without_failed(made, refused, options)
         judged = self._compared(made.motions[1], made.edits, options)
         if judged is None:
@@ -577,7 +574,7 @@ class _PlanSearch:
         left first, then all of it. Where there is a good plan none is left.
         """
         original, verdict = self._original, made.verdict and _with_miscounts(made, made.verdict)
-        places = refused if verdict is None else _failed_places(original, made.after, verdict)
+        places = refused if verdict is None else (*refused, *_failed_places(original, made.after, verdict))
         assert made.edits is not None
         crossed = _crossed_in(made.edits, places)
         if not crossed and verdict is not None:
@@ -589,11 +586,11 @@ class _PlanSearch:
             return replace(options, standing=options.standing | standing)
         if self._best is not None:
             return None
-        self._reasons[self._why] = None
+        self._reasons |= dict.fromkeys(self._why)
         stretches, sections = self._parted(places, (BESIDE,))
         failed = with_neighbours(sections, options.left, self._count) - options.left
         if not failed and not stretches:
-            if verdict is not None:
+            if verdict is not None and not verdict.ok:
                 raise refusal(original.name, verdict)
             failed = frozenset(range(self._count)) - options.left
         options = replace(options, left=options.left | failed, stretches=(*options.stretches, *stretches))
