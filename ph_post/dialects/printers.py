@@ -72,11 +72,19 @@ _NAMED_STILL: Final = frozenset(
     b" SET_TEMPERATURE_FAN_TARGET SET_VELOCITY_LIMIT TEMPERATURE_WAIT SET_RETRACTION".split()
 )
 """Extended commands that Klipper's docs/G-Codes.md describes without motion or change of the coordinates; Marlin does
-not know them, for which slicers' programs for Klipper are often taken. All others may be macros, which do anything."""
+not know them, for which slicers' programs for Klipper are often taken. All others may be macros, which do anything:
+what stands behind one shows whether it left G90 in force, see :func:`_shows_places`."""
 
 _RETURNING: Final = frozenset((b"TIMELAPSE_TAKE_FRAME",))
 """Macros of Klipper that everyone has alike, and that may park the head and then bring it back to its place, with all
 modes and the feed as they were (moonraker-timelapse, `klipper_macro/timelapse.cfg`): slicers write it at each layer."""
+
+NO_MACHINE: Final = 3000.0
+"""Way along X [mm] that no printer has."""
+
+_DISTANCES: Final = re.compile(rb"[ \t]*(?:[Nn]\d+[ \t]*)?[Gg][ \t]*0*9([01])(?![\d.])")
+_MOVING: Final = re.compile(rb"[ \t]*(?:N\d+[ \t]*)?G[ \t]*0*[0-3](?![\d.])(.*)")
+_PLACED: Final = re.compile(rb"([XYZF])[ \t]*([-+]?(?:\d{1,9}(?:\.\d*)?|\.\d+))")
 
 _TEXTS: Final = frozenset((b"M117", b"M118", b"M486"))
 """Those behind which text stands."""
@@ -94,17 +102,24 @@ def reader_of(arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], 
     small : bool
         Whether small letters mean what capitals mean.
     """
-    change = partial(_hidden, arcs=arcs, foreign=foreign, small=small)
+    change = partial(_hidden, arcs=arcs, small=small)
 
     def hide(data: bytes) -> bytes:
         first, last = _repeated(data)
         if not small and _OTHER_TOOL.search(data) is None:
             data = _FIRST_TOOL.sub(lambda one: b" " * len(one[0]), data)
         plain = _without_beads(data)
+        relative = False
         for found in _BEADS.finditer(data):
             begin, end = found.span(1)
-            if begin < end:
-                plain[begin:end] = change(found[1])
+            if begin == end:
+                continue
+            mark = foreign
+            if (named := _DISTANCES.match(found[1])) is not None:
+                relative = named[1] == b"1"
+            elif not relative and foreign == b"$" and _is_macro(found[1]) and _shows_places(data, end):
+                mark = b"$@"
+            plain[begin:end] = change(found[1], foreign=mark)
         for line in _LINE.finditer(data, first):
             if line.start() >= last:
                 break
@@ -124,6 +139,39 @@ def returns(line: bytes) -> bool:
     """
     name = _NAME.match(line)
     return name is not None and name[1].upper() in _RETURNING
+
+
+def _is_macro(line: bytes) -> bool:
+    """Return whether a line is an extended command of which nobody knows what it leaves."""
+    code = line.partition(b";")[0]
+    name = _NAME.match(code)
+    return name is not None and _COMMAND.match(code) is None and name[1].upper() not in _NAMED_STILL | _RETURNING
+
+
+def _shows_places(data: bytes, begin: int) -> bool:
+    """Return whether coordinates from a place of the text on can only be places: as steps they leave any machine.
+
+    It is X that is looked at: Y or Z may be a belt without an end. Before anything moves a feed has to be named, as a
+    macro may leave any. The places end where a line says how coordinates count, or behind moves is another macro.
+    """
+    way, fed, moved = 0.0, False, False
+    for line in _LINE.finditer(data, begin):
+        code = line[0].partition(b";")[0].upper()
+        macro = _is_macro(code)
+        if _DISTANCES.match(code) is not None or (macro and moved):
+            return False
+        fed = fed and not macro
+        move = _MOVING.match(code)
+        if move is None:
+            continue
+        words = dict(_PLACED.findall(move[1]))
+        fed, moved = fed or b"F" in words, moved or bool(words.keys() & {b"X", b"Y", b"Z"})
+        if moved and not fed:
+            return False
+        way += float(words.get(b"X", 0.0))
+        if abs(way) > NO_MACHINE:
+            return True
+    return False
 
 
 def why_bound(line: bytes) -> str:

@@ -4,16 +4,18 @@ Where E words stand for the place of the filament (M82) and where for a step of 
 as one taken for the other would push out a spool. G90 and G91 set E too in Marlin, and none in Klipper but that E is a
 step wherever G91 is (`gcode.cpp` of Marlin, `gcode_move.py` of Klipper): so a line is divided only where its mode was
 named by M82 or M83 behind the last G90 or G91, or where G90 stands behind it without changing it in either. A program
-that names none shows that E words are places where as steps they would be no print: see :func:`shows_places`.
+that names none, and what stands behind a macro of Klipper, shows what E words are where as the other they would be no
+print.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections import deque
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -22,6 +24,7 @@ from ph_post.dialects.printers import returns
 from ph_post.gcode.motion_parts import chord_lengths
 from ph_post.gcode.numbers import decimal_text
 from ph_post.gcode.program import PartProgram
+from ph_post.types import Array, IntArray
 from ph_post.units import MM
 
 DECIMALS: Final = 5
@@ -33,6 +36,9 @@ BEADS: Final = 20
 RISING: Final = 0.95
 """Part of those lines that change E by which it grows, where E words are places."""
 
+THINNEST: Final = 2e-3
+"""Filament for a way [mm/mm] that is less than any bead has: of 1.75 mm it is one of 0.005 mm²."""
+
 SPOOLED: Final = 5.0
 """Filament for a way [mm/mm] that no bead has: of 1.75 mm it is one of 12 mm²."""
 
@@ -41,6 +47,7 @@ _ROOM: Final = 100
 """Characters of the longest number that is divided."""
 
 _WORD: Final = re.compile(rb"[Ee][ \t]*(" + _NUMBER + rb")")
+_MODES: Final = frozenset(("M82", "M83", "G90", "G91"))
 _NAMES_MODE: Final = re.compile(rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Mm]0*8[23](?![\d.])", re.MULTILINE)
 _COMMAND: Final = re.compile(
     rb"^[ \t]*(?:[Nn]\d+[ \t]*)?([Gg]0*(?:[0-3]|9[012])|[Mm]0*8[23])(?![\d.])([^\r\n;]*)", re.MULTILINE
@@ -97,6 +104,69 @@ class _Mode(msgspec.Struct, kw_only=True):
             self.relative = False
 
 
+class _Words(NamedTuple):
+    """The E words of a program: their lines, values [mm], and how far the lines move [mm], 0 where they set a place.
+
+    `modes` are the lines that may name what E words are.
+    """
+
+    line: IntArray
+    value: Array
+    length: Array
+    modes: IntArray
+
+    def between(self, first: int, last: int) -> tuple[Array, Array]:
+        """Values and lengths from one line to before another, or the next that names what they are."""
+        end = min([last, *self.modes[np.searchsorted(self.modes, first) :][:1].tolist()])
+        rows = slice(*np.searchsorted(self.line, [first, end]).tolist())
+        return self.value[rows], self.length[rows]
+
+
+@lru_cache(maxsize=2)
+def _words_of(program: PartProgram) -> _Words:
+    way = np.zeros(program.blocks)
+    np.add.at(way, program.motions.block, chord_lengths(program.motions) / MM)
+    places: list[int] = []
+    values: list[float] = []
+    sets: list[bool] = []
+    modes: list[int] = []
+    for match in _COMMAND.finditer(program.data):
+        name, word = _name(match[1]), _WORD.search(match[2])
+        if name in _MODES:
+            modes.append(match.start())
+        if word is not None and len(word[1]) <= _ROOM:
+            places.append(match.start())
+            values.append(float(word[1]))
+            sets.append(name == "G92")
+    line, mode = (np.searchsorted(program.lines, own, side="right") - 1 for own in (places, modes))
+    return _Words(line=line, value=np.array(values), length=np.where(sets, 0.0, way[line]), modes=mode)
+
+
+def _are_places(value: Array, length: Array) -> bool:
+    """Return whether E words can only be places: they rise, and as steps they are more filament than any bead has."""
+    before = np.append(-math.inf, value)[: value.size]
+    # Ways through the air may name the place at which the filament is.
+    beads = (length > 0.0) & (value != before)
+    rises = (value > before)[beads].sum() >= RISING * beads.sum()
+    too_much = np.maximum(value[beads], 0.0).sum() > SPOOLED * length[beads].sum()
+    return bool(beads.sum() >= BEADS and rises and too_much)
+
+
+def _are_steps(value: Array, length: Array) -> bool:
+    """Return whether E words can only be steps: as places they are so near to each other that nothing is laid."""
+    beads = (length > 0.0) & (value != 0.0)
+    if beads.sum() < BEADS:
+        return False
+    least = THINNEST * length[beads].sum()
+    return bool(np.ptp(value[beads]) < least <= value[beads].sum())
+
+
+def _shown(program: PartProgram, first: int, last: int) -> _Mode:
+    """Return the mode that the E words of lines show, from one to before another, or the next that names one."""
+    own = _words_of(program).between(first, last)
+    return _Mode(relative=False if _are_places(*own) else True if _are_steps(*own) else None)
+
+
 def shows_places(program: PartProgram) -> bool:
     """Return whether the E words of a program that names no mode can only be places.
 
@@ -104,23 +174,8 @@ def shows_places(program: PartProgram) -> bool:
     """
     if _NAMES_MODE.search(program.data):
         return False
-    way = np.zeros(program.blocks)
-    np.add.at(way, program.motions.block, chord_lengths(program.motions))
-    before, total, path, rises, count = -math.inf, 0.0, 0.0, 0, 0
-    starts, line = program.lines.tolist(), 0
-    for match in _COMMAND.finditer(program.data):
-        word = _WORD.search(match[2])
-        if word is None or len(word[1]) > _ROOM:
-            continue
-        while starts[line + 1] <= match.start():
-            line += 1
-        value = float(word[1])
-        # Ways through the air may name the place at which the filament is.
-        if _name(match[1]) != "G92" and way[line] > 0.0 and value != before:
-            rises, count = rises + (value > before), count + 1
-            total, path = total + max(value, 0.0), path + float(way[line]) / MM
-        before = value
-    return count >= BEADS and rises >= RISING * count and total > SPOOLED * path
+    words = _words_of(program)
+    return _are_places(words.value, words.length)
 
 
 @lru_cache(maxsize=2)
@@ -131,20 +186,20 @@ def filament_of(program: PartProgram) -> Mapping[int, Filament]:
         return found
     places, keeps = shows_places(program), program.language.name.startswith("marlin")
     mode = _Mode(relative=False if places else None, places=places)
-    passed = iter(sorted((note.last, note.first) for note in program.notes))
-    nothing = program.blocks, program.blocks
-    unknown, first = next(passed, nothing)
+    # What is not understood may have changed everything: in Klipper it is often a macro. Marlin's words change no mode
+    # of E, but perhaps where it is.
+    passed = deque(sorted((note.last, note.first) for note in program.notes))
+    macros = deque(own for own in passed if not (keeps or _all_return(program, own[1], own[0])))
     starts, line = program.lines.tolist(), 0
     for match in _COMMAND.finditer(program.data):
         while starts[line + 1] <= match.start():
             line += 1
-        # What is not understood may have changed everything: in Klipper it is often a macro. Marlin's words change no
-        # mode of E, but perhaps where it is.
-        while line > unknown:
+        while passed and line > passed[0][0]:
+            unknown = passed.popleft()
             mode.at = None
-            if not (keeps or all(returns(program.text(one)) for one in range(first, unknown + 1))):
-                mode = _Mode()
-            unknown, first = next(passed, nothing)
+            if macros and unknown == macros[0]:
+                macros.popleft()
+                mode = _shown(program, unknown[0] + 1, macros[0][1] if macros else program.blocks)
         name, word = _name(match[1]), _WORD.search(match[2])
         if name[:1] == "M" or name in ("G90", "G91"):
             mode.set(name)
@@ -154,6 +209,11 @@ def filament_of(program: PartProgram) -> Mapping[int, Filament]:
             certain = word is not None and (name == "G92" or mode.relative is False)
             mode.at = word[1] if certain and word is not None else None
     return found
+
+
+def _all_return(program: PartProgram, first: int, last: int) -> bool:
+    """Return whether all lines from one to another are macros that leave all modes as they were."""
+    return all(returns(program.text(line)) for line in range(first, last + 1))
 
 
 def _name(command: bytes) -> str:

@@ -145,6 +145,39 @@ def test_a_line_that_one_firmware_has(line: str, marlin: str, klipper: str) -> N
     assert (hidden(line, "marlin"), hidden(line, "klipper")) == (marlin, klipper)
 
 
+BEDS = "".join(f"G1 X{90 + n % 3} Y{n} E.1\n" for n in range(60))
+"""As steps they go 5.4 m along X."""
+
+
+@pytest.mark.parametrize(
+    ("before", "behind", "mark"),
+    [
+        ("", "G1 F900\n" + BEDS, "$@"),
+        ("G90 ; places\n", "M117 go\nG92 E0\nG0 X90 F6000\n" + BEDS, "$@"),
+        ("G91\n", "G1 F900\n" + BEDS, "$"),
+        ("", BEDS, "$"),  # at whatever feed the macro leaves
+        ("", "G1 F900\n" + BEDS[:400], "$"),  # as steps 1.8 m
+        ("", "G1 F900\n" + BEDS.replace("X9", "X-9", 30), "$"),  # about the middle of the bed
+        ("", "G1 F900\nG91\n" + BEDS, "$"),
+        ("", "PARK_HEAD\nG1 F900\n" + BEDS, "$@"),
+        ("", "G1 F900\nPARK_HEAD\n" + BEDS, "$"),
+        ("", "G1 X9 F900\nPARK_HEAD\nG1 F900\n" + BEDS, "$"),
+        ("", "G1 F900\nTIMELAPSE_TAKE_FRAME\n" + BEDS, "$@"),
+    ],
+)
+def test_behind_a_macro_coordinates_are_places_that_as_steps_leave_any_machine(
+    before: str, behind: str, mark: str
+) -> None:
+    """What a macro leaves nobody knows, but no printer is 3 m wide: so it left G90, or the print would be none."""
+    text = f"{before}START_PRINT BED=60\n{behind}"
+    hide = find_dialect("klipper").language.hide
+    assert hide is not None
+    assert hide(text.encode()).decode().splitlines()[before.count("\n")].rstrip() == mark
+    program = read_program(text.encode(), "a.gcode", language=find_dialect("klipper").language)
+    # Behind a G91 of its own the program counts from wherever it is.
+    assert (np.isfinite(program.motions.end[:, 0]).sum() >= 60) == (mark == "$@" or "G91" in behind)
+
+
 def test_extrusion_is_no_part_of_the_path() -> None:
     program = read("G90\nM83\nG1 X0 Y0 F600\nG1 X10 E1\nG1 E-1 F2100\nG1 X0 F1200\n")
     assert (program.motions.end[:, 0] / MM).tolist() == pytest.approx([0.0, 10.0, 0.0])

@@ -471,6 +471,37 @@ def test_e_words_that_as_steps_would_push_out_a_spool_are_places(
         assert float(with_filament(program, 12, bead, 0.0, 0.5).partition("E")[2].split()[0]) == pytest.approx(half)
 
 
+def started(words: list[str]) -> str:
+    """A print behind a macro, in lines of 10 mm, and so near to X 100 that as steps they leave any machine."""
+    lines = [f"G1 X{100 + n % 2 * 10} Y100 E{word}\n" for n, word in enumerate(words)]
+    return "G90\nM83\nSTART_PRINT\nG1 F900\nG92 E0\n" + "".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("words", "half"),
+    [
+        ([f"{0.3 + n % 7 * 0.02:.2f}" for n in range(400)], 0.15),  # steps
+        (["0.30"] * 400, 0.15),
+        ([f"{0.3 * (n + 1):.2f}" for n in range(400)], 0.15),  # places: as steps 24 m of filament for 4 m
+        (["0.30"] * 15, None),  # too few lines to leave any machine
+        ([f"{0.3 * (n + 1) - n % 3 * 0.4:.2f}" for n in range(400)], None),  # drawn back, on the way, every third time
+        (["0"] * 400, None),
+    ],
+    ids=["steps", "even steps", "places", "few", "wiped", "nothing"],
+)
+def test_what_e_words_are_behind_a_macro_is_what_they_show(words: list[str], half: float | None) -> None:
+    program = read_program(started(words).encode(), "a.gcode", language=find_dialect("klipper").language)
+    found = filament_of(program)
+    first = 5
+    if half is None:
+        assert not found
+        return
+    assert sorted(found) == list(range(first, first + len(words)))
+    assert found[first].word(0.0, 0.5) == f"E{half}"
+    relative = words[1] != "0.60"
+    assert {one.relative for one in found.values()} == {relative}
+
+
 def test_ways_through_the_air_may_name_the_place_of_the_filament() -> None:
     """As KISSlicer writes them; the program names neither M82 nor M83."""
     beads = "".join(f"G1 X0 Y{n} E{100 + n} F6000\nG1 X9 Y{n} E{101 + n} F900\n" for n in range(30))
