@@ -96,6 +96,13 @@ _UNDOTTED = re.compile(r"([XYZIJKR])([-+]?\d+)(?![\d.])")
 _UNREAD = re.compile(r"#.*|^\s*(?:M117|M20[1-5]|PROG|END|O\d|%|\$).*|[A-Z](?=\s*(?:[A-Z(;]|$))", re.MULTILINE)
 """Text, limits of printers, which name axes, numbers of programs and letters without numbers."""
 
+_UNMOVED: Final = re.compile(
+    r"^(?![ \t]*(?:N\d+[ \t]*)?(?:G[ \t]*0*(?:[0-4]|1[789]|2[018]|9[0-2])|M[ \t]*0*(?:0|1|2|18|30|8[234]))(?![\d.]))"
+    r"[^\n]+",
+    re.MULTILINE,
+)
+"""Lines of printers that move nothing and set no mode: settings, texts, and macros, which leave all as it was."""
+
 
 _CALLED: Final = re.compile(r"^(?![^(;\n]*M0*(?:2|30)(?!\d))[^(;\n]*(?:M0*(?:17|99)(?!\d)|^RET\b)", re.MULTILINE)
 """Where a subprogram ends."""
@@ -208,7 +215,7 @@ def played_places(dialect: str, data: bytes, *, turned: bool | None = None) -> t
             told = [lathe_moves(text.upper(), begin) for begin, _ in begins]
         if all(moves is not None for moves in told):
             return _sampled(told)
-        read = _read(text)
+        read = _read(_UNMOVED.sub("", text.upper()) if dialect in PRINTERS else text)
         if dialect in GRBL:
             read, _ = _taken(read)
         if dialect == "fanuc":
