@@ -79,6 +79,8 @@ _RETURNING: Final = frozenset((b"TIMELAPSE_TAKE_FRAME",))
 """Macros of Klipper that everyone has alike, and that may park the head and then bring it back to its place, with all
 modes and the feed as they were (moonraker-timelapse, `klipper_macro/timelapse.cfg`): slicers write it at each layer."""
 
+_UNDERSTOOD: Final = _NAMED_STILL | _RETURNING
+
 NO_MACHINE: Final = 3000.0
 """Way along X [mm] that no printer has."""
 
@@ -143,9 +145,8 @@ def returns(line: bytes) -> bool:
 
 def _is_macro(line: bytes) -> bool:
     """Return whether a line is an extended command of which nobody knows what it leaves."""
-    code = line.partition(b";")[0]
-    name = _NAME.match(code)
-    return name is not None and _COMMAND.match(code) is None and name[1].upper() not in _NAMED_STILL | _RETURNING
+    name = _NAME.match(line)
+    return name is not None and _COMMAND.match(line) is None and name[1].upper() not in _UNDERSTOOD
 
 
 def _shows_places(data: bytes, begin: int) -> bool:
