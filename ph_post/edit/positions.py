@@ -261,3 +261,36 @@ def placed_once(rows: Array, restarts: list[Restart], moving: BoolArray, column:
             more.append(_change(motion, sign, float(one.chain), carried=False, beyond=True))
     places = np.searchsorted(rows[:, MOTION], [row[MOTION] for row in more], side="right")
     return np.insert(rows, places, more, axis=0) if more else rows
+
+
+def told_once(
+    rows: Array, motions: Motions, tells: BoolArray, low: IntArray, high: IntArray, column: int, sign: float
+) -> Array:
+    """Let an axis that turns elsewhere come to a side in chains whose first words tell its only place.
+
+    Whoever brought it there may have come from either side, as a macro that photographs each layer of a print.
+
+    Parameters
+    ----------
+    rows : Array, shape (n, 11)
+        Changes of an axis as of :func:`~ph_post.edit.reversals.find_reversals`.
+    motions : Motions
+    tells : BoolArray, shape (m,)
+        Motions whose words tell the axis a place.
+    low, high : IntArray, shape (c,)
+        First motion of every chain, and the motion behind its last.
+    column : int
+    sign : float
+        The side with an offset, as a direction; the other one has none, so that the offset alone brings the axis over.
+    """
+    turning = set(rows[:, CHAIN].tolist())
+    more = []
+    for chain, (begin, end) in enumerate(zip(low.tolist(), high.tolist(), strict=True)):
+        there = begin + np.flatnonzero(np.isfinite(motions.end[begin:end, column]))
+        if not there.size or chain in turning or not rows.size:
+            continue
+        motion = int(there[0])
+        if tells[motion] and np.isnan(motions.start[motion, column]) and (motions.kind[motion:end] != RAPID).any():
+            more.append(_change(motion, sign, float(chain), carried=False))
+    places = np.searchsorted(rows[:, MOTION], [row[MOTION] for row in more], side="right")
+    return np.insert(rows, places, more, axis=0) if more else rows

@@ -27,6 +27,7 @@ from ph_post.edit.positions import (
     position_from,
     resting_places,
     shiftable,
+    told_once,
 )
 from ph_post.edit.preconditions import (
     cutting_feed,
@@ -198,6 +199,11 @@ class ReversalSearch:
             side = 1.0 if abs(plus) <= abs(minus) else -1.0
             rows = placed_once(rows, self._restarts, self._moving[:, axis], axis, side)
             rows = approach_again(self._from_one_side(rows, axis), self._restarts, axis)
+        elif 0.0 in self.sides[name]:
+            ends = np.append(self._whole[1:], view[0].size)
+            tells = self.crossings.ground.shiftable[:, axis] & self._absolute
+            side = 1.0 if self.sides[name][0] == 0.0 else -1.0
+            rows = told_once(rows, self.program.motions, tells, self._whole, ends, axis, side)
         # What was added where the axis is left alone goes again.
         span = np.searchsorted(low, rows[:, MOTION], side="right") - 1
         inside = (span >= 0) & (rows[:, MOTION] < end[np.maximum(span, 0)]) if low.size else span >= 0

@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from support.corpus import Entry
-from support.corpus_judge import judge
+from support.corpus import stepper as router
+from support.corpus_judge import judge, played_places, table_of
 from support.editing import Compensated, compensate
 from support.reference_player import BEGINS, Move, distance, interpret, run, tables
 
@@ -410,6 +411,38 @@ def test_a_print_that_begins_with_a_bead_has_its_axes_led_onto_their_first_sides
     assert 2 <= len(rests) <= 6
     crossings = [n for n, line in enumerate(lines) if line.startswith("; ph-post: +") and "crossing" in line]
     assert rests[-1] < crossings[-1]
+
+
+@pytest.mark.parametrize("pulled", ["G1 E-1 F300\n", "", "G1 X-10 E-1\n"], ids=["in place", "not", "wiped"])
+def test_a_print_whose_last_bead_goes_on_into_a_way_out_that_pulls_back_is_compensated(pulled: str) -> None:
+    """G91 takes the nozzle away there, and behind the homing the next move pulls back too: it may rest before."""
+    bead = printed(RING, relative=False).splitlines(keepends=True)[:-2]
+    text = "".join([*bead, "G91\n", pulled, "G1 Z0.5 E-5 X-20 Y-20 F9000\nG28 X0 Y0\nM84\nG90\nM82\nG1 Z25 E-1 F900\n"])
+    found = judge(Entry("print", Path("print.gcode"), "marlin", text))
+    assert found.outcome == "compensated"
+    assert found.followed == found.shown
+    assert found.shown >= 4
+
+
+@pytest.mark.parametrize("photographed", [True, False], ids=["macro", "none"])
+def test_a_layer_to_which_z_comes_from_a_macro_is_as_high_as_those_to_which_it_hops(photographed: bool) -> None:
+    """The second layer alone is reached by no hop, and where the nozzle comes from only the macro knows."""
+    frame = "TIMELAPSE_TAKE_FRAME\n" if photographed else ""
+    bead = "".join("G1 X{:g} Y{:g} E0.5\n".format(*place) for place in itertools.product((10, 40), (20, 30), repeat=1))
+    hop = "G1 E-1 F2400\nG1 Z{up:g} F6000\nG1 X40 Y40 F6000\nG1 Z{down:g}\nG1 E1 F2400\nG1 F1500\n"
+    text = "G21\nG90\nM83\nG92 E0\n"
+    for layer in range(1, 5):
+        height = 0.2 * layer
+        hops = "" if layer == 2 else hop.format(up=height + 0.4, down=height)
+        text += f"{frame}G1 Z{height:g} F6000\nG1 X10 Y10\nG1 F1500\n{bead}{hops}{bead}"
+    changed = compensate(text.encode(), router("klipper"), dialect="klipper", max_slowdown=2.0).text
+    motor, cuts = played_places("klipper", changed)
+    on = cuts & (motor[:, 2] > 0.1)
+    heights = 0.2 * np.arange(1, 5)
+    for side in (-1.0, 1.0):
+        table = table_of(motor, side, "XYZ")[on, 2]
+        assert np.abs(table[:, None] - heights).min(axis=1).max() < 1e-3
+        assert {int(np.abs(heights - z).argmin()) for z in table} == {0, 1, 2, 3}
 
 
 @pytest.mark.parametrize(
