@@ -17,8 +17,12 @@ import numpy as np
 from ph_post.gcode.program import RAPID, PartProgram
 from ph_post.types import BoolArray, Tool, sealed, unwritten
 
-_EXTRUDES: Final = re.compile(
-    rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Gg]0*[0-3](?![\d.])[^\r\n;E]*E[ \t]*[-+]?[\d.]*[1-9]", re.MULTILINE | re.IGNORECASE
+_EXTRUDES, _PULLS_BACK = (
+    re.compile(
+        rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Gg]0*[0-3](?![\d.])[^\r\n;E]*E[ \t]*" + sign + rb"[\d.]*[1-9]",
+        re.MULTILINE | re.IGNORECASE,
+    )
+    for sign in (rb"[-+]?", b"-")
 )
 
 _PEN: Final = re.compile(rb"M0*[345](?![\d.])[^\r\n(;]*[(;][^\r\n)]*\bpen\b", re.IGNORECASE)
@@ -53,7 +57,7 @@ def tool_in_words(program: PartProgram) -> tuple[Tool, int] | None:
     again and again, while no cut moves Z, unless it says there that it lets down a pen, or waits for one each time:
     where that stands it burns nothing. Nor does what has or changes a tool.
     """
-    blocks = _extruding(program)
+    blocks = _lines_with(program, _EXTRUDES)
     if blocks.size:
         return "extruder", int(blocks[0])
     motions, words = program.motions, program.commands
@@ -92,11 +96,11 @@ def _known(program: PartProgram) -> BoolArray:
     return np.asarray(np.isfinite(motions.end[:, 2]) & np.isfinite(motions.start[:, 2]))
 
 
-def _extruding(program: PartProgram) -> np.ndarray:
-    """Lines that move and extrude, (n,)."""
+def _lines_with(program: PartProgram, words: re.Pattern[bytes]) -> np.ndarray:
+    """Lines that begin with some words of printer firmware, (n,)."""
     if program.language.bound is None:
         return np.zeros(0, dtype=np.int64)
-    starts = np.array([match.start() for match in _EXTRUDES.finditer(program.data)], dtype=np.int64)
+    starts = np.array([match.start() for match in words.finditer(program.data)], dtype=np.int64)
     return np.searchsorted(program.lines, starts.astype(program.lines.dtype), side="right") - 1
 
 
@@ -118,8 +122,10 @@ def working_motions(program: PartProgram, stated: Tool | None) -> WorkingMotions
     if tool == "cutter":
         on = stays = cuts
     elif tool == "extruder":
-        on = cuts & np.isin(motions.block, _extruding(program))
-        stays = on & np.append(on[1:], False)[: on.size]
+        on = cuts & np.isin(motions.block, _lines_with(program, _EXTRUDES))
+        # Behind what pulls filament back nothing is laid where the nozzle rests.
+        pulled = np.searchsorted(_lines_with(program, _PULLS_BACK), motions.block)
+        stays = on & np.append(on[1:] & (pulled[1:] == pulled[:-1]), False)[: on.size]
     else:
         modes = program.modal
         lit = np.array([one.spindle in ("M3", "M4") and one.speed != 0.0 for one in modes], dtype=np.bool_)
