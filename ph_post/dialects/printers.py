@@ -8,6 +8,7 @@ may move: no position is known after them.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from functools import partial
@@ -73,7 +74,7 @@ _NAMED_STILL: Final = frozenset(
 )
 """Extended commands that Klipper's docs/G-Codes.md describes without motion or change of the coordinates; Marlin does
 not know them, for which slicers' programs for Klipper are often taken. All others may be macros, which do anything:
-what stands behind one shows whether it left G90 in force, see :func:`_shows_places`."""
+what stands behind one shows whether it left G90 in force, see :func:`_shows_modes`."""
 
 _RETURNING: Final = frozenset((b"TIMELAPSE_TAKE_FRAME",))
 """Macros of Klipper that everyone has alike, and that may park the head and then bring it back to its place, with all
@@ -84,9 +85,22 @@ _UNDERSTOOD: Final = _NAMED_STILL | _RETURNING
 NO_MACHINE: Final = 3000.0
 """Way along X [mm] that no printer has."""
 
+ON_CIRCLE: Final = 0.02
+OFF_CIRCLE: Final = 0.05
+"""Differences of an arc's radii [mm] that are rounding, and that are none."""
+
+SHOWING: Final = 3
+"""Arcs that show their plane."""
+
 _DISTANCES: Final = re.compile(rb"[ \t]*(?:[Nn]\d+[ \t]*)?[Gg][ \t]*0*9([01])(?![\d.])")
 _MOVING: Final = re.compile(rb"[ \t]*(?:N\d+[ \t]*)?G[ \t]*0*[0-3](?![\d.])(.*)")
-_PLACED: Final = re.compile(rb"([XYZF])[ \t]*([-+]?(?:\d{1,9}(?:\.\d*)?|\.\d+))")
+_ARC: Final = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?G[ \t]*0*[23](?![\d.])", re.MULTILINE | re.IGNORECASE)
+_PLANE: Final = re.compile(rb"[ \t]*(?:N\d+[ \t]*)?G[ \t]*0*1[789](?![\d.])")
+_PLACED: Final = re.compile(rb"([XYZIJF])[ \t]*([-+]?(?:\d{1,9}(?:\.\d*)?|\.\d+))")
+
+_FOR_HOST: Final = re.compile(rb"[ \t]*@object(?:stop)?(?![^\s])", re.IGNORECASE)
+"""Names of objects for a plugin of OctoPrint, which obeys lines with @ itself (OctoPrint, "@ Commands"); firmware
+that gets them says that it knows none of that name."""
 
 _TEXTS: Final = frozenset((b"M117", b"M118", b"M486"))
 """Those behind which text stands."""
@@ -119,7 +133,7 @@ def reader_of(arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], 
             mark = foreign
             if (named := _DISTANCES.match(found[1])) is not None:
                 relative = named[1] == b"1"
-            elif not relative and foreign == b"$" and _is_macro(found[1]) and _shows_places(data, end):
+            elif foreign == b"$" and _is_macro(found[1]) and _shows_modes(data, end, relative=relative):
                 mark = b"$@"
             plain[begin:end] = change(found[1], foreign=mark)
         for line in _LINE.finditer(data, first):
@@ -149,28 +163,60 @@ def _is_macro(line: bytes) -> bool:
     return name is not None and _COMMAND.match(line) is None and name[1].upper() not in _UNDERSTOOD
 
 
-def _shows_places(data: bytes, begin: int) -> bool:
-    """Return whether coordinates from a place of the text on can only be places: as steps they leave any machine.
+def _shows_modes(data: bytes, begin: int, *, relative: bool) -> bool:
+    """Return whether coordinates from a place of the text on show the modes in force, `relative` before it or not.
 
-    It is X that is looked at: Y or Z may be a belt without an end. Before anything moves a feed has to be named, as a
+    Without a G90 they can only be places where as steps they leave any machine. It is X that is looked at: Y or Z may
+    be a belt without an end. Behind a G90 arcs show their plane. Before anything moves a feed has to be named, as a
     macro may leave any. The places end where a line says how coordinates count, or behind moves is another macro.
     """
-    way, fed, moved = 0.0, False, False
+    way, fed, moved, told = 0.0, False, False, False
     for line in _LINE.finditer(data, begin):
         code = line[0].partition(b";")[0].upper()
-        macro = _is_macro(code)
-        if _DISTANCES.match(code) is not None or (macro and moved):
+        macro, named = _is_macro(code), _DISTANCES.match(code)
+        if (named is not None and (moved or named[1] == b"1")) or (macro and moved):
             return False
-        fed = fed and not macro
+        told, fed = (told and not macro) or named is not None, fed and not macro
         move = _MOVING.match(code)
         if move is None:
             continue
         words = dict(_PLACED.findall(move[1]))
         fed, moved = fed or b"F" in words, moved or bool(words.keys() & {b"X", b"Y", b"Z"})
-        if moved and not fed:
-            return False
+        if moved and (told or not fed):
+            return fed and _shows_plane(data, line.start())
         way += float(words.get(b"X", 0.0))
-        if abs(way) > NO_MACHINE:
+        if not relative and abs(way) > NO_MACHINE:
+            return True
+    return False
+
+
+def _shows_plane(data: bytes, begin: int) -> bool:
+    """Return whether the first arcs from a place of the text on lie in XY: in no other plane they end on their circles.
+
+    They end where a line says how coordinates count, or names a plane, or is another macro.
+    """
+    shown = 0
+    at: tuple[float, float] | None = None
+    if _ARC.search(data, begin) is None:
+        return False
+    for line in _LINE.finditer(data, begin):
+        code = line[0].partition(b";")[0].upper()
+        if _DISTANCES.match(code) is not None or _PLANE.match(code) is not None or _is_macro(code):
+            return False
+        move = _MOVING.match(code)
+        words = {} if move is None else {key: float(value) for key, value in _PLACED.findall(move[1])}
+        if b"X" not in words or b"Y" not in words:
+            at = at if not words.keys() & {b"X", b"Y"} else None
+            continue
+        start, at = at, (words[b"X"], words[b"Y"])
+        if start is None or not words.keys() & {b"I", b"J"}:
+            continue
+        center = [start[axis] + words.get(letter, 0.0) for axis, letter in enumerate((b"I", b"J"))]
+        first, last = ([place - middle for place, middle in zip(one, center, strict=True)] for one in (start, at))
+        if abs(math.hypot(*first) - math.hypot(*last)) > ON_CIRCLE:
+            return False
+        shown += all(abs(abs(one) - abs(other)) > OFF_CIRCLE for one, other in zip(first, last, strict=True))
+        if shown == SHOWING:
             return True
     return False
 
@@ -225,6 +271,8 @@ def _without_beads(data: bytes) -> bytearray:
 def _hidden(line: bytes, arcs: bytes, foreign: bytes, *, small: bool) -> bytes:
     """Return one line as RS274/NGC has it, of the same length."""
     code, mark, comment = line.partition(b";")
+    if _FOR_HOST.match(code) is not None:
+        return b" " * len(code) + mark + comment
     if not code.strip() or code.lstrip().startswith(b"#"):
         # No command begins with that: Marlin and Klipper say so, and go on (gcode.cpp, gcode.py: unknown command).
         return line

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from pathlib import Path
@@ -20,7 +21,7 @@ from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.undo import undo
 from ph_post.errors import InputError
-from ph_post.gcode.program import PartProgram
+from ph_post.gcode.program import ARC, PartProgram
 from ph_post.gcode.read import read_program
 from ph_post.types import Machine
 from ph_post.units import MM
@@ -131,6 +132,9 @@ def test_a_line_of_printer_firmware(line: str, expected: str, dialect: str) -> N
         ("START_PRINT BED=60", "$@", "$"),
         ("TIMELAPSE_TAKE_FRAME", "$@", "$@"),
         ("PARK_HEAD", "$@", "$"),
+        ("@Object Benchy.stl id:0 copy 0", "", ""),
+        ("@objectstop Benchy.stl", "", ""),
+        ("@pause", "$@", "$"),
         ("G2 X1 Y1 R5", "G2 X1 Y1 R5", "$@"),
         ("X5 Y5", "$@", "$"),
         ("G28_ALL", "$@", "$"),
@@ -147,6 +151,34 @@ def test_a_line_that_one_firmware_has(line: str, marlin: str, klipper: str) -> N
 
 BEDS = "".join(f"G1 X{90 + n % 3} Y{n} E.1\n" for n in range(60))
 """As steps they go 5.4 m along X."""
+
+
+RING = "".join(
+    f"G3 X{50 + 20 * math.cos(n):.3f} Y{20 * math.sin(n):.3f}"
+    f" I{-20 * math.cos(n - 1):.3f} J{-20 * math.sin(n - 1):.3f} E.5\n"
+    for n in range(1, 5)
+)
+"""Arcs about X50 Y0, from X70 Y0 on."""
+
+
+@pytest.mark.parametrize(
+    ("behind", "known"),
+    [
+        ("G90\nG1 X70 Y0 F900\n" + RING, True),
+        ("G90\nG1 X70 Y0 F900\nG1 E1 F200\n" + RING, True),
+        ("G90\nG1 X70 Y0\n" + RING, False),  # at whatever feed the macro leaves
+        ("G90\nG1 X71 Y0 F900\n" + RING, False),  # on no circle
+        ("G90\nG1 X70 Y0 F900\n" + "".join(RING.splitlines(keepends=True)[:2]), False),
+        ("G90\nG1 X70 Y0 F900\nPARK_HEAD\n" + RING, False),
+        ("G91\nG1 X70 Y0 F900\n" + RING, False),
+        ("G90\nG1 X70 Y0 F900\nG2 X30 Y0 I-20\nG2 X70 Y0 I20\nG2 X30 Y0 I-20\nG2 X70 Y0 I20\n", False),  # in XZ too
+    ],
+    ids=["told", "retracted", "no feed", "off", "few", "macro", "steps", "halves"],
+)
+def test_behind_a_macro_and_a_g90_arcs_show_that_they_lie_in_xy(behind: str, known: bool) -> None:
+    program = read_program(f"START_PRINT\n{behind}".encode(), "a.gcode", language=find_dialect("klipper").language)
+    arcs = behind.count("G2 ") + behind.count("G3 ")
+    assert int((program.motions.kind == ARC).sum()) == (arcs if known else 0)
 
 
 @pytest.mark.parametrize(
