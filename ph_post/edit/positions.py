@@ -264,7 +264,7 @@ def placed_once(rows: Array, restarts: list[Restart], moving: BoolArray, column:
 
 
 def told_once(
-    rows: Array, motions: Motions, tells: BoolArray, low: IntArray, high: IntArray, column: int, sign: float
+    rows: Array, motions: Motions, tells: BoolArray, low: IntArray, column: int, sign: float, *, beyond: bool = False
 ) -> Array:
     """Let an axis that turns elsewhere come to a side in chains whose first words tell its only place.
 
@@ -276,14 +276,16 @@ def told_once(
         Changes of an axis as of :func:`~ph_post.edit.reversals.find_reversals`.
     motions : Motions
     tells : BoolArray, shape (m,)
-        Motions whose words tell the axis a place.
-    low, high : IntArray, shape (c,)
-        First motion of every chain, and the motion behind its last.
+        Motions whose words may tell the axis its place.
+    low : IntArray, shape (c,)
+        First motion of every chain.
     column : int
     sign : float
-        The side with an offset, as a direction; the other one has none, so that the offset alone brings the axis over.
+        The side, as a direction.
+    beyond : bool
+        Whether it comes from beyond its place; else the other side has no offset, and the offset brings it over.
     """
-    turning = set(rows[:, CHAIN].tolist())
+    turning, high = set(rows[:, CHAIN].tolist()), np.append(low[1:], motions.kind.size)
     more = []
     for chain, (begin, end) in enumerate(zip(low.tolist(), high.tolist(), strict=True)):
         there = begin + np.flatnonzero(np.isfinite(motions.end[begin:end, column]))
@@ -291,6 +293,6 @@ def told_once(
             continue
         motion = int(there[0])
         if tells[motion] and np.isnan(motions.start[motion, column]) and (motions.kind[motion:end] != RAPID).any():
-            more.append(_change(motion, sign, float(chain), carried=False))
+            more.append(_change(motion, sign, float(chain), carried=False, beyond=beyond))
     places = np.searchsorted(rows[:, MOTION], [row[MOTION] for row in more], side="right")
     return np.insert(rows, places, more, axis=0) if more else rows

@@ -194,16 +194,16 @@ class ReversalSearch:
         rows[:, CHAIN] = np.searchsorted(self._whole, low[rows[:, CHAIN].astype(np.int64)], side="right") - 1
         self._put_behind_breaks(rows)
         rows = self.crossings.ground.threads.around(rows, axis, self._carries(axis))
+        minus, plus = self.sides[name]
+        tells = self.crossings.ground.shiftable[:, axis] & self._absolute
         if axis < 2:
-            minus, plus = self.sides[name]
             side = 1.0 if abs(plus) <= abs(minus) else -1.0
             rows = placed_once(rows, self._restarts, self._moving[:, axis], axis, side)
             rows = approach_again(self._from_one_side(rows, axis), self._restarts, axis)
-        elif 0.0 in self.sides[name]:
-            ends = np.append(self._whole[1:], view[0].size)
-            tells = self.crossings.ground.shiftable[:, axis] & self._absolute
-            side = 1.0 if self.sides[name][0] == 0.0 else -1.0
-            rows = told_once(rows, self.program.motions, tells, self._whole, ends, axis, side)
+            tells &= ~self.crossings.ground.beam.works.on & (view[0] != RAPID)
+            rows = told_once(rows, self.program.motions, tells, self._whole, axis, side, beyond=True)
+        elif 0.0 in (minus, plus):
+            rows = told_once(rows, self.program.motions, tells, self._whole, axis, 1.0 if plus else -1.0)
         # What was added where the axis is left alone goes again.
         span = np.searchsorted(low, rows[:, MOTION], side="right") - 1
         inside = (span >= 0) & (rows[:, MOTION] < end[np.maximum(span, 0)]) if low.size else span >= 0

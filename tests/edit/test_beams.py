@@ -424,6 +424,19 @@ def test_a_print_whose_last_bead_goes_on_into_a_way_out_that_pulls_back_is_compe
     assert found.shown >= 4
 
 
+def test_behind_a_tool_change_a_line_of_prime_lies_where_it_should() -> None:
+    """Y is told its place there once, by a way through the air: it comes to that from beyond its backlash."""
+    prime = "G1 Z0.3 F900\nG1 X50 Y-2 F9000\nG1 X200 E15 F1500\nG1 X100 E10\n"
+    print_ = printed(BOX, relative=True).partition("G92 E0\n")[2]
+    text = f"G28\nG90\nM83\nT1\n{prime}T1\n{print_}T1\n{print_}"
+    changed = compensate(text.encode(), router("marlin"), dialect="marlin", max_slowdown=2.0).text
+    motor, cuts = played_places("marlin", changed)
+    low = cuts & (motor[:, 1] < 0.0)
+    assert low.sum() > 1000
+    for side in (-1.0, 1.0):
+        assert np.abs(table_of(motor, side, "XYZ")[low, 1] + 2.0).max() < 1e-3
+
+
 @pytest.mark.parametrize("photographed", [True, False], ids=["macro", "none"])
 def test_a_layer_to_which_z_comes_from_a_macro_is_as_high_as_those_to_which_it_hops(photographed: bool) -> None:
     """The second layer alone is reached by no hop, and where the nozzle comes from only the macro knows."""
