@@ -25,6 +25,9 @@ SPARE: Final = 3e-3
 TAKEN_BACK: Final = 6
 """Axes in sections, of those that were left, of which it is tried whether there is time for them after all."""
 
+PARTS: Final = 100
+"""Parts into which sections are divided where there is no time for all, by what crossings cost."""
+
 _HALVINGS: Final = 6
 """Halvings of the range of the dead band, and of the time for parts of sections, down to a sixtieth of it."""
 
@@ -198,6 +201,7 @@ def _leave_behind(
     def leave(budget: float, *, resting: bool) -> None:
         search.take_again(search.for_now)
         for begin, end in parts.left(budget):
+            search.divided(end, end)
             for n in search.divided(begin, end):
                 for name in found if resting else _turning(turns, begin, end):
                     search.give_up(name, n, too_costly(options.pace * parts.cost[name], need), for_now=True)
@@ -229,6 +233,9 @@ def _turning(turns: Mapping[str, Array], begin: int, end: int) -> list[str]:
 class _SectionParts:
     """The sections of a program in the order of what they gain for their time, all axes together.
 
+    Where a nozzle or a beam is led through the air between its works, they are divided there: a print is one section,
+    in which infill costs more for what it gains than walls.
+
     Parameters
     ----------
     search : ReversalSearch
@@ -242,34 +249,72 @@ class _SectionParts:
 
     def __init__(self, search: ReversalSearch, found: dict[str, Array], gain: Array, *, largest_first: bool) -> None:
         spots, times = search.crossings.costs(found, COARSER[-1])
-        section = search.section_of(spots.rows[:, MOTION])
-        self._high = search.high
-        cost = np.bincount(section, times, gain.size)
+        motion = spots.rows[:, MOTION].astype(np.int64)
         self.cost = {name: float(times[spots.column == AXES.index(name)].sum()) for name in found}
         """Time [s] that all crossings of an axis take."""
         opened = np.any([search.open[name] for name in found], axis=0)
-        self._runs = _runs(np.flatnonzero(opened), gain)
-        self._runs.sort(key=lambda own: -gain[own].sum() / (1.0 if largest_first else max(cost[own].sum(), 1e-12)))
-        rank = np.full(gain.size, len(self._runs))
-        for number, own in enumerate(self._runs):
-            rank[own] = number
-        rank = rank[section]
-        order = np.argsort(rank, kind="stable")
-        ends = np.searchsorted(rank[order], np.arange(len(self._runs) + 1))
-        self._times, self._motion = times[order], spots.rows[order, MOTION].astype(np.int64)
+        runs = _runs(np.flatnonzero(opened), gain)
+        self._begin = np.array([search.low[own[0]] for own in runs], dtype=np.int64)
+        self._end = np.array([search.high[own[-1]] for own in runs], dtype=np.int64)
+        self._whole = search.crossings.ground.beam.tends
+        if self._whole:
+            self._divide(search, motion, times)
+        part = np.searchsorted(self._begin, motion, side="right") - 1
+        inside = (part >= 0) & (motion < self._end[part])
+        part[~inside] = self._begin.size
+        gain = np.sum([search.gain(name, rows, self._begin, self._end) for name, rows in found.items()], axis=0)
+        cost = np.bincount(part, times, self._begin.size + 1)[:-1]
+        self._order = np.argsort(-gain / (1.0 if largest_first else np.maximum(cost, 1e-12)), kind="stable").tolist()
+        order = np.argsort(part, kind="stable")
+        ends = np.searchsorted(part[order], np.arange(self._begin.size + 1))
+        self._times, self._motion = times[order], motion[order]
         self._spans = [slice(first, end) for first, end in pairwise(ends.tolist())]
-        """Which of the times and motions belong to each run."""
+        """Which of the times and motions belong to each part."""
+
+    def _divide(self, search: ReversalSearch, motion: IntArray, times: Array) -> None:
+        """Divide the parts where the tool begins to work, into such that do not cost too little."""
+        on = search.crossings.ground.beam.works.on
+        starts = np.flatnonzero(on[1:] & ~on[:-1]) + 1
+        part = np.searchsorted(self._begin, starts, side="right") - 1
+        starts = starts[(part >= 0) & (starts < self._end[part]) & (starts > self._begin[part])]
+        order = np.argsort(motion, kind="stable")
+        spent = np.append(0.0, np.cumsum(times[order]))[np.searchsorted(motion[order], starts)]
+        kept = np.diff(np.floor(spent * (PARTS / max(float(times.sum()), 1e-12))), prepend=0.0) > 0.0
+        begin = np.union1d(self._begin, starts[kept])
+        self._end = np.minimum(
+            np.append(begin[1:], self._end[-1]), self._end[np.searchsorted(self._begin, begin, side="right") - 1]
+        )
+        self._begin = begin
 
     def left(self, budget: float) -> list[tuple[int, int]]:
         """Return the motions, from one to before another, for which a time [s] is too short."""
-        found = []
-        for own, here in zip(self._runs, self._spans, strict=True):
+        found: list[tuple[int, int]] = []
+        for part in self._order:
+            here = self._spans[part]
             spent = np.cumsum(self._times[here])
-            if spent.size and spent[-1] > budget:
-                place = int(self._motion[here][np.argmax(spent > budget)])
-                found.append((place, int(self._high[own[-1]])))
-            budget = max(budget - float(spent[-1] if spent.size else 0.0), 0.0)
-        return found
+            cost = float(spent[-1]) if spent.size else 0.0
+            if cost > budget:
+                place = self._begin[part] if self._whole else self._motion[here][np.argmax(spent > budget)]
+                found.append((int(place), int(self._end[part])))
+                budget = budget if self._whole else 0.0
+            else:
+                budget -= cost
+        return _joined(sorted(found))
+
+
+def _joined(spans: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Join spans, in order, of which one ends where the next begins.
+
+    >>> _joined([(1, 3), (3, 5), (7, 8)])
+    [(1, 5), (7, 8)]
+    """
+    found: list[tuple[int, int]] = []
+    for begin, end in spans:
+        if found and found[-1][1] == begin:
+            found[-1] = found[-1][0], end
+        else:
+            found.append((begin, end))
+    return found
 
 
 def too_costly(price: float, need: float) -> str:

@@ -308,16 +308,21 @@ class ReversalSearch:
         """Return the time that changes cost [s], with errors of crossings up to a multiple of the least."""
         return self.crossings.cost(changes, coarser)
 
-    def gain(self, name: str, rows: Array) -> Array:
-        """Squares of the offsets of an axis, summed over the time [m² s] in which the tool cuts in sections, (s,)."""
-        motion, ends = rows[:, MOTION].astype(np.int64), self._clock[np.append(self.low, -1)]
+    def gain(self, name: str, rows: Array, low: IntArray | None = None, high: IntArray | None = None) -> Array:
+        """Squares of the offsets of an axis, summed over the time [m² s] in which the tool cuts in sections, (s,).
+
+        Or from each motion of `low` (s,) to before that of `high`.
+        """
+        low, high = (self.low, self.high) if low is None or high is None else (low, high)
+        motion = rows[:, MOTION].astype(np.int64)
         if not motion.size:
-            return np.zeros(self.low.size)
+            return np.zeros(low.size)
         at = self._clock[motion] + rows[:, SHARE] * (self._clock[motion + 1] - self._clock[motion])
         minus, plus = self.sides[name]
         square = np.where(rows[:, SIGN] > 0.0, plus**2, np.where(rows[:, SIGN] < 0.0, minus**2, 0.0))
         at = np.append(at, self._clock[-1])
-        return np.diff(np.interp(ends, at, np.append(0.0, np.cumsum(square * np.diff(at)))))
+        reached = np.append(0.0, np.cumsum(square * np.diff(at)))
+        return np.asarray(np.interp(self._clock[high], at, reached) - np.interp(self._clock[low], at, reached))
 
     def give_up(self, name: str, section: int, why: str, *, for_now: bool = False) -> None:
         """Leave an axis uncompensated in a section, for a reason that warnings give, or `for_now`."""
