@@ -386,11 +386,14 @@ class CrossingGround:
 
     def stands(self, rows: Array) -> BoolArray:
         """Mask of the changes (n,) that are not to be crossed on the fly: rows of changes."""
+        return self.lies_on(rows, self._standing)
+
+    def lies_on(self, rows: Array, motions: IntArray) -> BoolArray:
+        """Mask of the changes (n,) whose axis rests or turns on some of the motions (k,), in order."""
         motion = rows[:, MOTION]
         first = np.minimum(rows[:, FIRST], motion)
         last = np.maximum(rows[:, LAST], motion + (rows[:, SHARE] == 1.0))
-        low, high = np.searchsorted(self._standing, first), np.searchsorted(self._standing, last, side="right")
-        return np.asarray(high > low)
+        return np.asarray(np.searchsorted(motions, last, side="right") > np.searchsorted(motions, first))
 
     def behind_rapid(self, row: Array) -> bool:
         """Return whether a change, a row of changes, happens behind a rapid."""

@@ -279,7 +279,11 @@ class SpotSearch:
         ends = (rows[:, SHARE] == 1.0) & ((ground.region[behind] != ground.region[motion]) | (behind == motion))
         stops = (ground.region[motion] < 0) | ends | (ground.halts[motion] & (ground.rounding == 0.0))
         inner = (rows[:, SIGN] != 0.0) & (rows[:, CARRIED] == 0.0) & ~spots.first & (spots.feed > 0.0)
-        return np.asarray(inner & (~stops | (spots.spread > 0.0)) & ~ground.stands(rows))
+        carriers = rows[rows[:, CARRIED] == 1.0, MOTION].astype(np.int64)
+        carriers = np.unique(carriers[ground.program.motions.kind[carriers] == LINE])
+        return np.asarray(
+            inner & (~stops | (spots.spread > 0.0)) & ~ground.stands(rows) & ~ground.lies_on(rows, carriers)
+        )
 
     def _with_windows(self, spots: Spots, motion: IntArray, coarser: float) -> Spots:
         ground = self._ground

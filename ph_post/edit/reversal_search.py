@@ -49,6 +49,7 @@ from ph_post.edit.reversals import (
 from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.paths import places_words
 from ph_post.gcode.program import AXES, LINE, RAPID, PartProgram
+from ph_post.gcode.working import travels
 from ph_post.types import Array, BoolArray, IntArray, Machine
 
 LITTLE: Final = 0.01
@@ -177,10 +178,13 @@ class ReversalSearch:
 
     def _one(self, name: str, band: float) -> Array:
         axis, (section, low, high, end) = AXES.index(name), self._spans(name)
-        # A rapid whose number cannot take a change is no place for one.
+        # A rapid whose number cannot take a change is no place for one; what a print goes through the air is.
         view = self.crossings.ground.view
         kind = view[0].copy()
         kind[(kind == RAPID) & ~self._carries(axis)] = LINE
+        if self.crossings.ground.beam.tool == "extruder":
+            taken = self.crossings.ground.shiftable[:, axis] & self._absolute & self._moving[:, axis]
+            kind[taken & travels(self.program)] = RAPID
         rows = find_reversals(
             (kind, *view[1:]),
             axis,

@@ -14,7 +14,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.gcode.program import RAPID, PartProgram
+from ph_post.gcode.program import LINE, RAPID, PartProgram
 from ph_post.types import BoolArray, Tool, sealed, unwritten
 
 _EXTRUDES, _PULLS_BACK = (
@@ -102,6 +102,14 @@ def _lines_with(program: PartProgram, words: re.Pattern[bytes]) -> np.ndarray:
         return np.zeros(0, dtype=np.int64)
     starts = np.array([match.start() for match in words.finditer(program.data)], dtype=np.int64)
     return np.searchsorted(program.lines, starts.astype(program.lines.dtype), side="right") - 1
+
+
+@lru_cache(maxsize=4)
+def travels(program: PartProgram) -> BoolArray:
+    """Mask (m,) of the straight motions of a print without E, which are in the air; none where nothing extrudes."""
+    motions, lines = program.motions, _lines_with(program, _EXTRUDES)
+    found = (motions.kind == LINE) & ~np.isin(motions.block, lines) & (lines.size > 0)
+    return sealed(found)
 
 
 @lru_cache(maxsize=4)

@@ -14,6 +14,7 @@ from ph_post.bounds import in_parts
 from ph_post.compiling import compiled, read_only
 from ph_post.dialects.planners import planner_of
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, PlaceArray, plane_columns, rows_where
+from ph_post.gcode.working import travels
 from ph_post.types import Array, BoolArray, ExactPath, IntArray, Machine, unwritten
 from ph_post.units import MM, MM_PER_MIN
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
@@ -183,7 +184,7 @@ NumbersOf = Callable[[PlaceArray], Array]
 
 
 def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
-    """Motions that stand for each other are the same but for one shift, which only a rapid may change."""
+    """Motions that stand for each other are the same but for one shift, which only a way through the air may change."""
     one, other, (old, new) = case.original.motions, case.compensated.motions, pairing.pairs()
     places = tuple(map(read_only, (one.start, other.start, one.end, other.end)))
     changes, unknown = np.zeros(old.size, dtype=np.bool_), np.zeros(old.size, dtype=np.bool_)
@@ -204,7 +205,7 @@ def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
         ),
         (
             "offset",
-            (one.kind[old] != RAPID) & changes,
+            (one.kind[old] != RAPID) & ~travels(case.original)[old] & changes,
             "the shift changes while the tool cuts",
         ),
     )

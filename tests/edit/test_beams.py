@@ -21,6 +21,7 @@ from support.corpus import Entry
 from support.corpus import stepper as router
 from support.corpus_judge import judge, played_places, table_of
 from support.editing import Compensated, compensate
+from support.ideal_play import Polyline
 from support.reference_player import BEGINS, Move, distance, interpret, run, tables
 
 from ph_post.dialects.reading import read_as
@@ -422,6 +423,26 @@ def test_a_print_whose_last_bead_goes_on_into_a_way_out_that_pulls_back_is_compe
     assert found.outcome == "compensated"
     assert found.followed == found.shown
     assert found.shown >= 4
+
+
+def test_ways_through_the_air_carry_the_changes_of_a_print() -> None:
+    """Beads to plus, each begun above the last one: X turns at both ends of a way back, and Z hops."""
+    beads = "".join(
+        f"G1 Z0.6 F6000\nG1 X10 Y{y} F9000\nG1 Z0.2 F6000\nG1 E1 F2400\nG1 X60 Y{y + 0.2:g} E2 F1800\nG1 E-1 F2400\n"
+        for y in range(20, 30)
+    )
+    text = f"G28\nG90\nM83\nG92 E0\nG1 Z0.2 F6000\nG1 X10 Y19 F9000\nG1 X60 E2 F1800\nG1 E-1 F2400\n{beads}"
+    changed = compensate(text.encode(), router("marlin"), dialect="marlin", max_slowdown=0.1).text
+    marks = [line for line in changed.decode().splitlines() if line.startswith("; ph-post: +")]
+    behind = [line for line in marks if "Z" not in line]
+    # X comes back before each bead; Y and Z turn nowhere or in the air.
+    assert 10 <= len(behind) <= 12
+    assert len(marks) <= 13
+    motor, cuts = played_places("marlin", changed)
+    path = played_places("marlin", text.encode())[0]
+    for side in (-1.0, 1.0):
+        table = table_of(motor, side, "XYZ")
+        assert Polyline(path).distances(table[cuts]).max() < 0.003
 
 
 def test_behind_a_tool_change_a_line_of_prime_lies_where_it_should() -> None:
