@@ -407,5 +407,6 @@ def _search_raised(search: ReversalSearch, options: EditOptions, raised: float) 
 def _bands(search: ReversalSearch, options: EditOptions, raised: float) -> dict[str, float]:
     """Dead bands by axis [m]: `raised` from the tolerance (0) to half the lost motion (1)."""
     return {
-        name: options.tolerance + raised * max(half - options.tolerance, 0.0) for name, half in search.amplitude.items()
+        name: options.tolerance + raised * max(0.5 * (plus - minus) - options.tolerance, 0.0)
+        for name, (minus, plus) in search.sides.items()
     }
