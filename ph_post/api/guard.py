@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import pairwise
@@ -71,7 +72,8 @@ class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     running it, `planned` what was reckoned for it; `rms` is the error of the whole program [m]. `places` are the
     motions in which nothing but the largest error of such a section is larger, first and last of each stretch of them,
     and `corners` the motions at whose ends that is. Of a program that is too long to be `simulated` no more is known
-    than its time. `gains` says that the part is better as a whole, or may be where its places are not known.
+    than its time. `gains` says that the part is better as a whole, or may be where its places are not known. `remains`
+    is the rms of the whole over the original's where none of the three errors of the whole has grown, else infinite.
     """
 
     worse: frozenset[int]
@@ -83,6 +85,7 @@ class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
     corners: frozenset[int] = frozenset()
     simulated: bool = True
     gains: bool = True
+    remains: float = math.inf
 
 
 class Guard:
@@ -131,6 +134,7 @@ class Guard:
             planned=planned,
             rms=float(other[0][-1, 1]),
             gains=_gains(one, other) or bool(unknown_motions(before.original).any()),
+            remains=math.inf if any(map(_grown, one, other)) else float(other[0][-1, 1] / max(one[0][-1, 1], LEAST)),
         )
 
 
@@ -141,9 +145,14 @@ def _worse_sections(one: Array, other: Array) -> frozenset[int]:
     # A percentile of a section alone grows where a corner that was far off comes nearer and stays behind for longer.
     grown[:, 2] &= (other[:-1, :2] >= one[:-1, :2]).any(axis=1)
     worse = grown.any(axis=1)
-    if not worse.any() and _exceeds(other[-1:], WORSE * one[-1:] + LEAST).any():
+    if not worse.any() and _grown(one, other):
         worse = _blamed(one, other)
     return frozenset(np.flatnonzero(worse).tolist())
+
+
+def _grown(one: Array, other: Array) -> bool:
+    """Return whether an error of a whole program, of those of `_section_errors`, is larger than the original's."""
+    return bool(_exceeds(other[-1:], WORSE * one[-1:] + LEAST).any())
 
 
 def _gains(one: Sequence[Array], other: Sequence[Array]) -> bool:

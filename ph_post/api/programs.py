@@ -78,6 +78,11 @@ SPARED: Final = 4
 FEW: Final = 2
 """Of so many sections one may be left for that: where more would be, it is another plan that is missing."""
 
+RARE: Final = 0.05
+HALF: Final = 0.5
+"""Where no plan is good in all of many sections, one that makes so few of them worse is written if it leaves no more
+than so much of the error of the whole, and none of that has grown."""
+
 FAR_OFF: Final = 2.0
 """A plan that takes so many times what was reckoned for it shows that its crossings were not reckoned well."""
 
@@ -380,6 +385,7 @@ class _PlanSearch:
         self._largest, self._taken, self._divided = 0.0, 1.0, False
         self._longer, self._spared = 0.0, 0
         self._first: tuple[EditOptions, tuple[str, ...]] | None = None
+        self._whole: tuple[CompensatedProgram, GuardFinding] | None = None
 
     def run(self, options: EditOptions) -> CompensatedProgram:
         """Return the best plan; the program itself where none is good."""
@@ -399,12 +405,25 @@ class _PlanSearch:
             options = replace(again, pace=max(1.0, self._taken), longer=self._longer)
         if self._best is not None:
             return self._best
+        if self._whole is not None:
+            return self._better_as_a_whole(*self._whole)
         original = self._original
         if edits.empty and math.isinf(self._enough):
             edits = replace(edits, warnings=(*edits.warnings, *self._said))
         else:
             edits = _nothing_gained(original, edits, self._enough)
         return CompensatedProgram(before=original, after=original, edits=edits, windows=self._planner.windows)
+
+    def _better_as_a_whole(self, made: CompensatedProgram, judged: GuardFinding) -> CompensatedProgram:
+        """Return a plan by which the part is better, and worse in a few sections, which are named."""
+        assert made.edits is not None
+        low, high = section_spans(self._original.motions)
+        where = stretch_words(self._original, [(int(low[n]), int(high[n])) for n in sorted(judged.worse)])
+        said = (
+            f"the error grows in {where}, to no more than it is elsewhere in the original: no plan within the time"
+            " allowed is better in all of the part"
+        )
+        return replace(made, edits=replace(made.edits, warnings=(*made.edits.warnings, said)))
 
     def _written(self, edits: Edits) -> tuple[CompensatedProgram, Places]:
         """Write a plan, and check it; the places are those whose lines no controller would take, or that one."""
@@ -455,6 +474,10 @@ class _PlanSearch:
             again = self._in_parts(options) if made.edits.short else None
             self._best = self._best or (made if again is None else None)
             return again
+        rare = len(judged.worse) <= RARE * self._count and judged.remains <= HALF
+        in_time = judged.slowdown <= self._request.edit.max_slowdown + SLACK
+        if rare and in_time and (self._whole is None or judged.remains < self._whole[1].remains):
+            self._whole = made, judged
         if judged.planned > self._largest:
             self._largest, self._taken = judged.planned, judged.slowdown / judged.planned
         if judged.worse:

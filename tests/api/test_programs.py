@@ -311,6 +311,36 @@ def test_one_change_that_does_not_pass_leaves_the_motions_about_it_alone(monkeyp
     assert honest(made.before, made.after, tolerance=5e-6).ok
 
 
+POCKETS = "".join(
+    f"G0 X{40 * n} Y0\nG1 Z-1 F600\nG1 X{40 * n + 20} F1200\nG1 Y20\nG1 X{40 * n}\nG1 Y0\nG0 Z5\n" for n in range(25)
+)
+
+
+@pytest.mark.parametrize(("number", "half"), [(1, 0.5), (1, 0.0), (2, 0.5)], ids=["few", "gains little", "more"])
+def test_where_a_few_sections_stay_worse_a_part_that_is_much_better_is_written_and_they_are_named(
+    monkeypatch, number, half
+):
+    """Of 25 pockets another one, or two, are found worse in each plan: one is few."""
+    real, tries = programs.Guard.compare, []
+
+    def found(self, after, planned):
+        tries.append(2 * len(tries) + 2)
+        return replace(real(self, after, planned), worse=frozenset(range(tries[-1], tries[-1] + number)))
+
+    monkeypatch.setattr(programs.Guard, "compare", found)
+    monkeypatch.setattr(programs, "HALF", half)
+    text = f"G21 G90 G17 G61\nG0 X0 Y0 Z5\n{POCKETS}M2\n"
+    made = delivered(text, request=asked(strategy="auto"))
+    written = half > 0.0 and number == 1
+    assert len(tries) > 5
+    assert (made.after.data != text.encode()) == written
+    assert any("the error grows in lines 16 to 22, to no more than" in one for one in made.edits.warnings) == written
+    if written:
+        judged = compare(Judged("compensated"), "linuxcnc", text.encode(), made.after.data)
+        assert judged.rms[1] < 0.2 * judged.rms[0]
+        assert judged.followed == judged.shown > 25
+
+
 @pytest.mark.parametrize(("mode", "words"), [("", "a path mode that rounds corners less may help"), ("G64 P0.005", "")])
 def test_where_rounded_corners_leave_a_part_no_better_it_is_said_what_may_help(monkeypatch, mode, words):
     """Of corners that are rounded by 350 µm some come out worse where the backlash is crossed in them."""
