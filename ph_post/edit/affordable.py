@@ -257,7 +257,7 @@ class _SectionParts:
         self._begin = np.array([search.low[own[0]] for own in runs], dtype=np.int64)
         self._end = np.array([search.high[own[-1]] for own in runs], dtype=np.int64)
         self._whole = search.crossings.ground.beam.tends
-        if self._whole:
+        if self._whole and runs:
             self._divide(search, motion, times)
         part = np.searchsorted(self._begin, motion, side="right") - 1
         inside = (part >= 0) & (motion < self._end[part])

@@ -27,7 +27,9 @@ from support.reference_player import BEGINS, Move, distance, interpret, run, tab
 from ph_post.dialects.reading import read_as
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
+from ph_post.edit.edits import EditOptions
 from ph_post.edit.extrusion import filament_of, with_filament
+from ph_post.edit.offset_edits import plan_offsets
 from ph_post.gcode.read import read_program
 from ph_post.gcode.working import tool_in_words, working_motions
 from ph_post.types import Machine
@@ -423,6 +425,16 @@ def test_a_print_whose_last_bead_goes_on_into_a_way_out_that_pulls_back_is_compe
     assert found.outcome == "compensated"
     assert found.followed == found.shown
     assert found.shown >= 4
+
+
+@pytest.mark.parametrize("left", [frozenset(), frozenset(range(50))], ids=["none", "all"])
+def test_where_there_is_no_time_at_all_nothing_of_a_print_is_compensated(left: frozenset[int]) -> None:
+    """Nor where every section was left before."""
+    dialect = find_dialect("marlin")
+    program = read_program(printed(BOX, relative=True).encode(), "a.gcode", language=dialect.language)
+    edits = plan_offsets(program, router("marlin"), dialect, EditOptions(max_slowdown=-1.0, in_parts=True, left=left))
+    assert edits.empty
+    assert edits.short
 
 
 def test_ways_through_the_air_carry_the_changes_of_a_print() -> None:
