@@ -13,7 +13,7 @@ import numpy as np
 from ph_post.compensate.plan_warnings import round_up
 from ph_post.edit.crossings import COARSER, FINE
 from ph_post.edit.edits import EditOptions
-from ph_post.edit.reversal_search import ReversalSearch
+from ph_post.edit.reversal_search import ReversalSearch, joined_spans
 from ph_post.edit.reversals import MOTION, SIGN
 from ph_post.gcode.program import AXES
 from ph_post.types import Array, IntArray
@@ -299,22 +299,7 @@ class _SectionParts:
                 budget = budget if self._whole else 0.0
             else:
                 budget -= cost
-        return _joined(sorted(found))
-
-
-def _joined(spans: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Join spans, in order, of which one ends where the next begins.
-
-    >>> _joined([(1, 3), (3, 5), (7, 8)])
-    [(1, 5), (7, 8)]
-    """
-    found: list[tuple[int, int]] = []
-    for begin, end in spans:
-        if found and found[-1][1] == begin:
-            found[-1] = found[-1][0], end
-        else:
-            found.append((begin, end))
-    return found
+        return joined_spans(sorted(found))
 
 
 def too_costly(price: float, need: float) -> str:

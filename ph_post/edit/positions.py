@@ -259,8 +259,7 @@ def placed_once(rows: Array, restarts: list[Restart], moving: BoolArray, column:
             # It may be named where it stands already, on whichever side.
             motion = int(brought[-1]) if brought.size else one.rapid[column]
             more.append(_change(motion, sign, float(one.chain), carried=False, beyond=True))
-    places = np.searchsorted(rows[:, MOTION], [row[MOTION] for row in more], side="right")
-    return np.insert(rows, places, more, axis=0) if more else rows
+    return _with_changes(rows, more)
 
 
 def told_once(
@@ -294,5 +293,10 @@ def told_once(
         motion = int(there[0])
         if tells[motion] and np.isnan(motions.start[motion, column]) and (motions.kind[motion:end] != RAPID).any():
             more.append(_change(motion, sign, float(chain), carried=False, beyond=beyond))
+    return _with_changes(rows, more)
+
+
+def _with_changes(rows: Array, more: list[Array]) -> Array:
+    """Insert more changes, in order, each behind those at or before its motion."""
     places = np.searchsorted(rows[:, MOTION], [row[MOTION] for row in more], side="right")
     return np.insert(rows, places, more, axis=0) if more else rows

@@ -433,13 +433,24 @@ class ReversalSearch:
         return np.asarray(found[np.searchsorted(chains, self._whole, side="right") - 1])
 
 
+def joined_spans(spans: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Join spans, in order, of which one ends where the next begins.
+
+    Examples
+    --------
+    >>> joined_spans([(1, 3), (3, 5), (7, 8)])
+    [(1, 5), (7, 8)]
+    """
+    found: list[tuple[int, int]] = []
+    for begin, end in spans:
+        if found and found[-1][1] == begin:
+            found[-1] = found[-1][0], end
+        else:
+            found.append((begin, end))
+    return found
+
+
 def stretch_words(program: PartProgram, stretches: Sequence[tuple[int, int]]) -> str:
     """Name the lines of stretches, first motion and the one behind the last, for a warning."""
-    joined: list[list[int]] = []
-    for begin, end in stretches:
-        if joined and joined[-1][1] == begin:
-            joined[-1][1] = end
-        else:
-            joined.append([begin, end])
     block = program.motions.block
-    return places_words(program, [(int(block[begin]), int(block[end - 1])) for begin, end in joined])
+    return places_words(program, [(int(block[begin]), int(block[end - 1])) for begin, end in joined_spans(stretches)])
