@@ -40,13 +40,9 @@ SLACK: Final = 5e-4
 MARGIN: Final = 0.9
 """Part of the slack that another plan is to keep."""
 
-JUST_OVER: Final = 1.05
 BELOW: Final = 0.985
-"""Behind a plan of a large program that takes up to so many times the time allowed so much of it is aimed at: plans
-that come nearer and nearer to all of it take as long as the first."""
-
-LARGE: Final = 50_000
-"""Motions of a large program."""
+"""Behind each plan but the first that takes too long so much less of the time allowed is aimed at: plans that come
+nearer and nearer to all of it are too many."""
 
 STEPS: Final = 100_000
 """Places, at equal steps along its way, at which an error is looked at in a section at most."""
@@ -300,7 +296,7 @@ def _evenly(way: Array) -> IntArray:
 
 
 def tightened(
-    options: EditOptions, finding: GuardFinding, allowed: float, count: int, *, large: bool = False
+    options: EditOptions, finding: GuardFinding, allowed: float, count: int, *, late: int = 0
 ) -> EditOptions | None:
     """Return the options for another plan; None where the finding is good.
 
@@ -313,8 +309,8 @@ def tightened(
         Slowdown that was asked for.
     count : int
         Number of the program's sections.
-    large : bool, optional
-        Whether each plan takes long: what is just over the time is then followed by one that is surely below.
+    late : int, optional
+        Number of plans before it that took too long.
     """
     over = finding.slowdown > allowed + SLACK
     if not finding.worse and not over:
@@ -322,8 +318,7 @@ def tightened(
     less = options.max_slowdown
     if over:
         # What the planner takes is so many times what was reckoned.
-        near = large and finding.slowdown <= JUST_OVER * allowed
-        aim = BELOW * allowed if near else allowed + MARGIN * SLACK
+        aim = BELOW ** max(late - 2, 0) * allowed + MARGIN * SLACK
         share = aim / finding.slowdown
         less = share * finding.planned - SPARE if finding.planned > 0.0 else -1.0
     left = options.left | with_neighbours(finding.worse, options.left, count)

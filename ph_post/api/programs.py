@@ -17,7 +17,6 @@ from ph_post.api.compensated_program import CompensatedProgram, ProgramRequest, 
 from ph_post.api.expansion import in_own_lines
 from ph_post.api.guard import (
     FURTHER,
-    LARGE,
     LEAST,
     MOST,
     ROUNDS,
@@ -383,7 +382,7 @@ class _PlanSearch:
         self._planned: set[float] = set()
         self._parts, self._halted = Counter[int](), 0
         self._largest, self._taken, self._divided = 0.0, 1.0, False
-        self._longer, self._spared = 0.0, 0
+        self._longer, self._spared, self._late = 0.0, 0, 0
         self._first: tuple[EditOptions, tuple[str, ...]] | None = None
         self._whole: tuple[CompensatedProgram, GuardFinding] | None = None
 
@@ -488,8 +487,8 @@ class _PlanSearch:
             again = self._in_parts(options) if made.edits.short and not judged.simulated else None
         if again is not None:
             return again
-        large = self._original.motions.kind.size >= LARGE
-        tighter = tightened(options, judged, self._request.edit.max_slowdown, self._count, large=large)
+        tighter = tightened(options, judged, self._request.edit.max_slowdown, self._count, late=self._late)
+        self._late += not in_time
         if tighter is not None:
             return self._less(made.edits, judged, options, self._parting(tighter, judged, options))
         if self._kept is None or judged.rms <= self._kept[1].rms:

@@ -28,6 +28,9 @@ TAKEN_BACK: Final = 6
 PARTS: Final = 100
 """Parts into which sections are divided where there is no time for all, by what crossings cost."""
 
+MOSTLY: Final = 0.5
+"""A section that has more than this part of what all gain is nearly the whole program."""
+
 _HALVINGS: Final = 6
 """Halvings of the range of the dead band, and of the time for parts of sections, down to a sixtieth of it."""
 
@@ -135,11 +138,16 @@ def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, 
     found = _search_raised(search, options, 1.0)
     cost = _section_costs(search, found)
     gain = {name: search.gain(name, rows) for name, rows in found.items()}
-    if options.in_parts:
+    every = np.sum(list(gain.values()), axis=0)
+    # Of a print that is one section, or nearly so, no axis is left from its beginning to its end.
+    whole = search.crossings.ground.beam.tends and every.max(initial=0.0) > MOSTLY * every.sum()
+    if options.in_parts or whole:
         _leave_behind(search, options, allowed, need, found, gain)
-    else:
-        _leave_axes(search, options, allowed, need, cost, gain)
-        _take_back(search, options, allowed)
+        if options.in_parts or any(rows.size for rows in _search_raised(search, options, 1.0).values()):
+            return
+        search.take_again(search.for_now)
+    _leave_axes(search, options, allowed, need, cost, gain)
+    _take_back(search, options, allowed)
 
 
 def _leave_axes(

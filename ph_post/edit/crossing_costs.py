@@ -11,7 +11,8 @@ import numpy as np
 from ph_post.compensate.offsets import DWELL, corner_pause
 from ph_post.drive.cascade import response_time
 from ph_post.edit.crossing_ground import LEAST_FEED, CrossingGround, Spots
-from ph_post.edit.crossings import BLENDED, SETTLING
+from ph_post.edit.crossing_shapes import LONG, points_along
+from ph_post.edit.crossings import BLENDED, KINK, SETTLING
 from ph_post.edit.edits import SYNCHRONISED, dwell_time
 from ph_post.edit.lagging_crossings import RESIDUE
 from ph_post.edit.reversals import (
@@ -22,11 +23,17 @@ from ph_post.edit.reversals import (
     SIGN,
 )
 from ph_post.gcode.program import AXES, LINE, RAPID, PlaceArray
+from ph_post.simulate.controllers.exact_path import smooth_acceleration
 from ph_post.simulate.controllers.junctions import junction_speed
-from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray
+from ph_post.simulate.controllers.moves import limit_table
+from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, KlipperCorner
+from ph_post.units import MM
 
 SOONER: Final = 0.02
 """An axis comes from beyond its place where its motor need not be there for so much longer [s] then."""
+
+BESIDE_WINDOW: Final = 1e-3 * MM
+"""Way [m] beside a window of which the direction is that of the path there."""
 
 STEEP: Final = 0.1
 """An axis that has this part in a straight move takes up its backlash on a short way of it."""
@@ -83,17 +90,33 @@ class CrossingCosts:
     def of_stops(self, spots: Spots) -> Array:
         """Time [s] that a stop with a move of the axis alone takes, rests apart (n,)."""
         axes = self._ground.machine.axes
-        moves = [math.sqrt(axes[n].gap.lost_motion / axes[n].limits.acceleration) if n in axes else 0.0 for n in AXES]
+        pushes = [axes[n].limits.acceleration * self._smooth if n in axes else 1.0 for n in AXES]
+        moves = np.sqrt(self._lost() / pushes)
         passed = self.at_corners(spots)
         # Between its ends 2 √(g/a); a corner is passed slowly anyway, which takes about half of it.
         longer = 1.0 + np.minimum(passed / np.maximum(spots.feed, LEAST_FEED), 1.0)
-        move = np.array(moves)[spots.column] * longer
+        move = moves[spots.column] * longer
         if not isinstance(self._ground.planner, ExactPath):
             # Where joints are rounded it is not much faster than the path.
             fastest = np.maximum(spots.feed, np.array([self.beside_cut(axes.get(n)) for n in AXES])[spots.column])
-            lost = np.array([axes[n].gap.lost_motion if n in axes else 0.0 for n in AXES])[spots.column]
+            lost = self._lost()[spots.column]
             move = np.where(spots.rows[:, SIGN] == 0.0, move, np.maximum(move, lost / fastest))
-        return np.asarray(move + passed / self._ground.push(spots.rows[:, MOTION].astype(np.int64)))
+        return np.asarray(move + passed / self._push(spots))
+
+    def _push(self, spots: Spots) -> Array:
+        """Acceleration along the path at every change (n,) [m/s²], as far as short lines use it."""
+        return self._smooth * self._ground.push(spots.rows[:, MOTION].astype(np.int64))
+
+    @cached_property
+    def _smooth(self) -> float:
+        """Part of its acceleration that a controller uses where it soon slows down again.
+
+        Lines of prints are shorter than their ramps, and Klipper keeps them to what a lower acceleration would reach.
+        """
+        planner, push = self._ground.planner, float(limit_table(self._ground.machine)[:2, 1].min())
+        if isinstance(planner, ExactPath) and isinstance(planner.corner, KlipperCorner):
+            return smooth_acceleration(planner.corner, push) / push
+        return 1.0
 
     def at_corners(self, spots: Spots) -> Array:
         """Speed at which the path passes the place of every change (n,) [m/s]: 0 where it is no reversal in a cut.
@@ -115,11 +138,36 @@ class CrossingCosts:
         return passed
 
     def of_chords(self, spots: Spots) -> Array:
-        """Time [s] that the windows of crossings take longer than the path, with the ramps beside them (n,)."""
-        feed, push = np.maximum(spots.feed, LEAST_FEED), self._ground.push(spots.rows[:, MOTION].astype(np.int64))
+        """Time [s] that the windows of crossings take longer than the path, with the ramps beside them (n,).
+
+        About a corner an exact path is no faster than its controller lets it, into the window and out of it.
+        """
+        feed, push = np.maximum(spots.feed, LEAST_FEED), self._push(spots)
         speed = np.where(spots.window[:, 2] > 0.0, spots.window[:, 2], feed)
+        if isinstance(self._ground.planner, ExactPath):
+            feed, speed = self._let_through(spots, feed, speed)
         way = spots.window[:, 1] - spots.window[:, 0]
         return np.asarray((feed - speed) ** 2 / (feed * push) + way / speed - way / feed + self._ground.longer)
+
+    def _let_through(self, spots: Spots, feed: Array, speed: Array) -> tuple[Array, Array]:
+        """Lower the speeds of the path beside windows about corners, and in them (n,) [m/s], to those of joints."""
+        ground, passed = self._ground, spots.rows[:, PASSED]
+        corner = (spots.rows[:, SHARE] == 1.0) & (passed < KINK * spots.feed)
+        which = np.flatnonzero(corner & (spots.window[:, 2] > 0.0))
+        begin, finish = spots.window[which, :2].T.copy()
+        lost = self._lost()[spots.column[which]]
+        edges = [begin - BESIDE_WINDOW, begin, finish, finish + BESIDE_WINDOW]
+        points = np.array([points_along(ground.view, ground.along, one) for one in edges])
+        points[2:, np.arange(which.size), spots.column[which]] += spots.rows[which, SIGN] * lost
+        ways = np.diff(points, axis=0)
+        length = np.maximum(np.linalg.norm(ways, axis=2), 1e-12)
+        units = ways / length[..., None]
+        length[[0, 2]] = LONG
+        bound = junction_speed(ground.machine, units[:-1], units[1:], length[:-1], length[1:], feed=feed[which])
+        feed, speed = feed.copy(), speed.copy()
+        speed[which] = np.maximum(np.minimum(speed[which], bound.min(axis=0)), LEAST_FEED)
+        feed[which] = np.clip(self.at_corners(spots)[which], speed[which], feed[which])
+        return feed, speed
 
     def of_rests(self, rests: Array, column: IntArray) -> tuple[Array, Array]:
         """Return the time [s] of crossings that take rests (n, 2) between corners, and their feeds [m/s], (n,)."""
@@ -132,6 +180,11 @@ class CrossingCosts:
         feed = np.maximum(ground.feed[line], LEAST_FEED)
         longer = _between_stops(lost, push, most) - _between_stops(length, ground.push(line), feed)
         return np.maximum(longer, 0.0), np.minimum(feed, most * length / lost)
+
+    def _lost(self) -> Array:
+        """Lost motion of X, Y and Z [m], shape (3,)."""
+        axes = self._ground.machine.axes
+        return np.array([axes[name].gap.lost_motion if name in axes else 0.0 for name in AXES])
 
     @staticmethod
     def beside_cut(axis: Axis | None) -> float:

@@ -277,7 +277,10 @@ class CrossingGround:
         return found
 
     def _shape(self, axis: Axis) -> CrossingShape:
+        # Along a path on which an axis turns back the others move.
+        others = [one.limits.velocity for one in self.machine.axes.values() if one.name != axis.name]
         fastest = float(np.max(self.feed[self.program.motions.kind != RAPID], initial=0.0))
+        fastest = min(fastest, max(others, default=math.inf))
         # A planner that passes no crossing at full feed passes one at less.
         for feed in (fastest, 0.5 * fastest, 0.25 * fastest):
             first, rounding = shortest_time(self.machine, axis, max(feed, LEAST_FEED))

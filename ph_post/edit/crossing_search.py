@@ -342,6 +342,9 @@ class CrossingSearch:
     def _jog_velocity(self, axis: Axis, ways: Sequence[float], feed: float, reached: float) -> float:
         """Return the speed [m/s] of moves of an axis alone beside a cut at a feed, 0 where none is near."""
         if not feed > 0.0:
+            if isinstance(self.ground.planner, ExactPath) and response_time(axis.servo) == 0.0:
+                # The path rests at both of its ends: what is slower than its ramps only takes longer.
+                return reached
             return make_jog(axis, max(map(abs, ways)), 0.0).velocity
         # Where joints are rounded, the cut beside a faster one is made faster, too.
         beside = math.inf if isinstance(self.ground.planner, ExactPath) else self._costs.beside_cut(axis)

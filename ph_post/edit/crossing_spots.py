@@ -94,6 +94,9 @@ BESIDE: Final = 4
 BEAM_COARSER: Final = (2.0, 4.0, 8.0, 16.0, 23.0)
 """Multiples of the least error that a crossing with a beam on is given before it is left alone."""
 
+DULL: Final = 0.5
+"""Cosine of the sharpest corner that is passed as a curve where time is short: 60 degrees."""
+
 SLOWER: Final = 4.0
 """From this multiple on it may be as slow as the path is in a dull corner; before it is to be as fast."""
 
@@ -306,6 +309,7 @@ class SpotSearch:
         error, most = self._allowed(spots, coarser, finest)
         # Where there is time a stop leaves no error at all.
         may_wait = coarser > 1.0 and not ground.plain_corners
+        works = ground.beam.works.on[motion]
         burns = ground.beam.is_beam & ground.beam.works.burns[motion]
         # A beam would burn a corner in which two axes turn for both, one after the other: they do so together.
         apart = np.append(np.diff(spots.at) > FINEST, True)
@@ -318,19 +322,23 @@ class SpotSearch:
         # Where the lines are too short for that, and a stop would burn, they are passed as the curve that they are.
         short = sharp & burns & ~slowly
         short[short] = ~self._stops_burn_little(spots, np.flatnonzero(short))
-        turning = inner & ~calm & ~corrected & (~corner | short)
+        # Where time is short a corner that is not too sharp is passed as a curve, too, if that is faster than a stop.
+        dull = sharp & ~slowly & ~burns & (rows[:, PASSED] >= DULL * spots.feed) & ~(ground.beam.is_beam & works)
+        dull &= isinstance(ground.planner, ExactPath) and coarser >= FINE
+        turning = inner & ~calm & ~corrected & (~corner | short | dull)
         turning, window = self._turning(spots, motion, turning, (wait, late, crossing), (error, most, finest))
         if corrected.any():
             own = inner & ~calm & ~corner & corrected & (ground.lag[spots.column] == 0.0)
             self._on_chords(spots, own, wait, turning, window)
         turning &= self._touch_divisible(window)
+        curved = replace(spots, window=np.where(turning[:, None], window, 0.0))
+        turning &= ~dull | (self._costs.of_chords(curved) < self._costs.of_stops(spots))
         turning |= slowly
         window[slowly] = spots.window[slowly]
         spots = replace(spots, calm=calm, window=np.where(turning[:, None], window, 0.0), blend=blend)
         if coarser == COARSER[-1]:
             # Where a beam or a nozzle works nothing stops.
-            works = ground.beam.works.on[motion] & ground.beam.tends
-            turning &= works | (self._costs.of_chords(spots) <= self._costs.of_stops(spots))
+            turning &= (works & ground.beam.tends) | (self._costs.of_chords(spots) <= self._costs.of_stops(spots))
         jog = (rows[:, CARRIED] == 0.0) & ~calm & ~turning
         found = replace(spots, jog=jog, window=np.where(turning[:, None], window, 0.0))
         return _in_order(found) if spots.whole.any() else found

@@ -143,6 +143,28 @@ def test_what_is_worse_for_what_was_left_is_left_too_and_the_rest_kept() -> None
     assert found.followed > 0.7 * found.shown > 500
 
 
+def octagons(count: int) -> str:
+    """A print of octagons, whose corners of 45 degrees the nozzle passes without a stop."""
+    lines, pushed = ["G21", "G90", "M82", "G92 E0", "G0 X20 Y20 F9000"], 0.0
+    for k in range(count):
+        x, y = 20.0 + 12.0 * (k % 8), 20.0 + 12.0 * (k // 8)
+        lines.append(f"G0 X{x + 3.0 * math.cos(0.2):.3f} Y{y + 3.0 * math.sin(0.2):.3f} F9000")
+        for n in range(1, 9):
+            turned, pushed = 0.2 + 0.25 * math.pi * n, pushed + 0.0758
+            lines.append(f"G1 X{x + 3.0 * math.cos(turned):.3f} Y{y + 3.0 * math.sin(turned):.3f} E{pushed:.4f} F2400")
+    return "\n".join([*lines, f"G1 E{pushed - 2.0:.4f} F2400", "G0 X0 Y0 F9000", ""])
+
+
+def test_corners_that_are_not_sharp_are_crossed_on_the_fly_where_time_is_short() -> None:
+    """With a stop in each of them there was time for half of the reversals."""
+    found = judge(Entry("print", Path("print.gcode"), "klipper", octagons(30)))
+    assert found.time is not None
+    assert found.time[1] <= 1.1006 * found.time[0]
+    assert found.rms is not None
+    assert found.rms[1] < 0.6 * found.rms[0]
+    assert found.followed > 0.65 * found.shown > 70
+
+
 def test_crossings_that_take_many_times_what_was_reckoned_are_made_where_there_is_time_for_them() -> None:
     """Helices of 0.15 mm, as CamBam cuts holes: nothing was compensated, as no plan was within the time."""
     turns = [

@@ -446,9 +446,32 @@ def test_a_crossing_that_does_not_go_through_the_backlash_is_a_stop(
         filament += 0.03
         beads.append(f"G1 X{x:.3f} Y{y:.3f} E{filament:.4f} F3000\n")
     text = f"G90\nM82\nG92 E0\nG0 X60 Y30 Z0.3 F3000\n{''.join(beads)}G0 Z5\n"
-    found = compensate(text.encode(), machine("klipper"), dialect="klipper", max_slowdown=0.2)
+    found = compensate(text.encode(), machine("klipper"), dialect="klipper", max_slowdown=0.5)
     assert found.edits.crossings
     assert verify(found.program, reread(found.program, found.text), tolerance=5e-6, machine=machine("klipper")).ok
+
+
+def test_a_fast_way_through_the_air_makes_no_crossing_slower() -> None:
+    """A crossing was made for the speed of the fastest line, at which no axis can turn back: it took twice as long."""
+    beads = "".join(
+        f"G1 X{50 + 4 * math.cos(0.1 * n):.3f} Y{50 + 4 * math.sin(0.1 * n):.3f} E{0.013 * n:.4f}\n"
+        for n in range(1, 127)
+    )
+    slowed = {}
+    for way in ("G0 X54 Y50", "G1 X54 Y50 F36000"):
+        text = f"G90\nM82\nG92 E0\n{way}\nG1 F2400\n{beads}G0 X0 Y0\n"
+        slowed[way[:2]] = compensate(text.encode(), machine("klipper"), dialect="klipper").edits.slowdown
+    assert slowed["G1"] < 1.2 * slowed["G0"]
+
+
+def test_an_axis_comes_to_its_side_as_fast_as_it_gets_between_two_rests() -> None:
+    beads = "".join(f"G0 X{10 + n} Y{10 + n % 2}\nG1 X{10.5 + n} Y{10.5 - n % 2} E{n + 1} F3000\n" for n in range(6))
+    found = compensate(f"G90\nM82\n{beads}G0 X0 Y0\n".encode(), machine("klipper"), dialect="klipper")
+    axis = machine("klipper").axes["Y"]
+    fastest = 60e3 * math.sqrt(axis.limits.acceleration * axis.gap.lost_motion)
+    feeds = [float(one) for one in re.findall(r"^G1 Y\S+ F(\S+)$", found.text.decode(), re.MULTILINE)]
+    assert feeds
+    assert max(feeds) == pytest.approx(fastest, rel=2e-3)
 
 
 def test_increments_lead_on_from_a_place_that_is_named() -> None:

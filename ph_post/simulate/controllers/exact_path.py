@@ -217,6 +217,14 @@ def plan_trapezoids(blocks: StraightBlocks, planner: ExactPath, limits: Array) -
     return Trapezoids(square, times, begins, float(begins[-1] + taken[-1]) if taken.size else 0.0)
 
 
+def smooth_acceleration(corner: KlipperCorner, shared: float) -> float:
+    """Return the acceleration [m/s²] that Klipper counts on for lines that it soon slows down behind.
+
+    Half of the `shared` one of the axes [m/s²] where the machine file names none.
+    """
+    return 0.5 * shared if corner.accel_to_decel is None else min(corner.accel_to_decel, shared)
+
+
 def corner_limits(blocks: StraightBlocks, planner: ExactPath, limits: Array) -> Array:
     """Return what corners allow where blocks begin, as :func:`corner_speeds`: all that their directions are for."""
     rule, numbers = corner_rule(planner, float(limits[:2, 1].min()))
@@ -233,8 +241,7 @@ def _squares(blocks: StraightBlocks, limit: Array, planner: ExactPath, limits: A
     Returns what gives the squared speeds of :class:`Trapezoids` of some blocks, (n, 3) [m²/s²].
     """
     if isinstance(planner.corner, KlipperCorner):
-        asked, shared = planner.corner.accel_to_decel, float(limits[:2, 1].min())
-        smooth = 0.5 * shared if asked is None else min(asked, shared)
+        smooth = smooth_acceleration(planner.corner, float(limits[:2, 1].min()))
         found: Array = look_ahead_smoothly(limit, blocks.length, blocks.speed, blocks.push, blocks.joined, smooth)
         return found.__getitem__
     look_ahead(limit, blocks.length, blocks.push, blocks.joined, planner.blocks or 0)
