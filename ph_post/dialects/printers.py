@@ -125,7 +125,7 @@ def reader_of(arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], 
         if not small and _OTHER_TOOL.search(data) is None:
             data = _FIRST_TOOL.sub(lambda one: b" " * len(one[0]), data)
         plain = _without_beads(data)
-        relative = False
+        relative = lost = False
         for found in _BEADS.finditer(data):
             begin, end = found.span(1)
             if begin == end:
@@ -133,8 +133,12 @@ def reader_of(arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], 
             mark = foreign
             if (named := _DISTANCES.match(found[1])) is not None:
                 relative = named[1] == b"1"
-            elif foreign == b"$" and _is_macro(found[1]) and _shows_modes(data, end, relative=relative):
-                mark = b"$@"
+            elif foreign == b"$" and _is_macro(found[1]):
+                shown = _shows_modes(data, end, relative=relative)
+                if lost:
+                    # A macro before has lost the modes: they are those of the beginning again, the plane as well.
+                    shown = shown and (_ARC.search(data, end) is None or _shows_plane(data, end))
+                mark, lost = (b"$=" if lost else b"$@") if shown else mark, not shown
             plain[begin:end] = change(found[1], foreign=mark)
         for line in _LINE.finditer(data, first):
             if line.start() >= last:

@@ -46,8 +46,8 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         ``hide(data)``: the same text, every line as long as it was, with blanks in the place of what has no
         meaning for motion. What may move, and is not understood, becomes a line with a ``$`` and nothing behind
         it: after it no position is known, and no mode but `fixed`; or with ``$@``: after it the modes are what
-        they were. The words that it leaves are those of each line alone, on any part of a program; which mark
-        stands in the place of others may depend on the lines behind.
+        they were; or with ``$=``: what they are at the beginning. The words that it leaves are those of each line
+        alone, on any part of a program; which mark stands in the place of others may depend on the lines behind.
     dwell : tuple of (str, float)
         Letters of the time of a G4, each with its unit [s].
     fixed : mapping of int to float

@@ -15,7 +15,8 @@ PARAMETER, EXPRESSION, O_WORD, POLAR, DELETE, OTHER, SYSTEM, KEEPS = 1, 2, 4, 8,
 """What stands on a line beside plain words: bits of its trait. `OTHER`: a word with a comma or a dollar sign,
 or a number that is too long to be kept exactly; `SYSTEM`: a line for the controller itself, which begins
 with ``$``, and beside that `KEEPS`: it leaves all modes as they are (``$@``), `OTHER`: nobody knows what it does
-(nothing stands behind the ``$``), or `DELETE`: whether it obeys the words behind a :data:`DOUBTED`."""
+(nothing stands behind the ``$``), both: it sets them to what they are at the beginning (``$=``), or `DELETE`: whether
+it obeys the words behind a :data:`DOUBTED`."""
 
 DOUBTED = 1
 """Byte with which readers begin a line of words that the controller may obey or not."""
@@ -342,7 +343,8 @@ def _read_line(data: Any, first: Any, end: Any, row: int, block: int, out: Any) 
                 named = named or why != 0 or data[at] & 0xDF != 78
         elif data[i] == 36 and row == begin:
             behind = data[i + 1] if i + 1 < end else 32
-            i, found, why = end, SYSTEM | (KEEPS if behind == 64 else OTHER if behind == 32 else 0), 0
+            kept = KEEPS if behind == 64 else KEEPS | OTHER if behind == 61 else OTHER if behind == 32 else 0
+            i, found, why = end, SYSTEM | kept, 0
         elif data[i] == DOUBTED and row == begin:
             i, found, why = i + 1, SYSTEM | DELETE, 0
         else:

@@ -351,7 +351,7 @@ def _run_block(
     """Carry out one block on the state: breaks, why not understood, its fault, the word.
 
     A block with a fault may be carried out or not; `fault` is one of its text. A line for the controller itself keeps
-    the modes, resets them to what they were at first, does what nobody knows, or carries out its words or not.
+    the modes, sets or resets them to what they were at first, does what nobody knows, or carries out its words or not.
     """
     mark, odd, computed, found, word = _apply_words(words, low, high, state, before, room)
     fault = fault or found
@@ -364,7 +364,11 @@ def _run_block(
         if not fault or not computed & ((1 << LETTER_G) | (1 << LETTER_M)):
             return mark, why, fault, word
     codes = computed & ((1 << LETTER_G) | (1 << LETTER_M))
-    if codes or why in (SUBPROGRAM, SAVED_STATE) or (why == CONTROLLER_LINE and trait & lexer.OTHER):
+    if why == CONTROLLER_LINE and trait & lexer.KEEPS and trait & lexer.OTHER:
+        for column in range(MODES):
+            state[column] = first[column]
+        state[FEED], state[FEED_KNOWN] = np.nan, 2.0
+    elif codes or why in (SUBPROGRAM, SAVED_STATE) or (why == CONTROLLER_LINE and trait & lexer.OTHER):
         _forget_modes(state, before, True, fixed[0] if codes else fixed[1])
     elif why == CONTROLLER_LINE and not trait & lexer.KEEPS:
         _forget_modes(state, first, False, fixed[0])

@@ -193,7 +193,6 @@ def test_behind_a_macro_and_a_g90_arcs_show_that_they_lie_in_xy(behind: str, kno
         ("", "G1 F900\nG91\n" + BEDS, "$"),
         ("", "PARK_HEAD\nG1 F900\n" + BEDS, "$@"),
         ("", "G1 F900\nPARK_HEAD\n" + BEDS, "$"),
-        ("", "G1 X9 F900\nPARK_HEAD\nG1 F900\n" + BEDS, "$"),
         ("", "G1 F900\nTIMELAPSE_TAKE_FRAME\n" + BEDS, "$@"),
     ],
 )
@@ -208,6 +207,15 @@ def test_behind_a_macro_coordinates_are_places_that_as_steps_leave_any_machine(
     program = read_program(text.encode(), "a.gcode", language=find_dialect("klipper").language)
     # Behind a G91 of its own the program counts from wherever it is.
     assert (np.isfinite(program.motions.end[:, 0]).sum() >= 60) == (mark == "$@" or "G91" in behind)
+
+
+@pytest.mark.parametrize("lost", ["G1 X9\n", "G1 X9 F900\n", "G1 Z5 F900\nG91\nG1 Z1\nG90\n", ""])
+def test_a_macro_behind_which_places_are_shown_brings_back_what_one_before_has_lost(lost: str) -> None:
+    """Behind START_PRINT nothing shows the modes: the feed is its own, or the places end."""
+    text = f"START_PRINT BED=60\n{lost}FILAMENT_ON\nG1 F900\n{BEDS}"
+    program = read_program(text.encode(), "a.gcode", language=find_dialect("klipper").language)
+    assert int(np.isfinite(program.motions.end[:, :2]).all(axis=1).sum()) == 60
+    assert all(program.modal_after(block).absolute for block in range(program.blocks - 60, program.blocks))
 
 
 def test_extrusion_is_no_part_of_the_path() -> None:
