@@ -40,9 +40,10 @@ SLACK: Final = 5e-4
 MARGIN: Final = 0.9
 """Part of the slack that another plan is to keep."""
 
+LATE: Final = 3
 BELOW: Final = 0.985
-"""Behind each plan but the first that takes too long so much less of the time allowed is aimed at: plans that come
-nearer and nearer to all of it are too many."""
+"""Behind so many plans that take too long each other one aims at so much of the time that the one before aimed at:
+plans that come nearer and nearer to all that is allowed are too many."""
 
 STEPS: Final = 100_000
 """Places, at equal steps along its way, at which an error is looked at in a section at most."""
@@ -318,7 +319,7 @@ def tightened(
     less = options.max_slowdown
     if over:
         # What the planner takes is so many times what was reckoned.
-        aim = BELOW ** max(late - 2, 0) * allowed + MARGIN * SLACK
+        aim = BELOW ** max(late + 1 - LATE, 0) * allowed + MARGIN * SLACK
         share = aim / finding.slowdown
         less = share * finding.planned - SPARE if finding.planned > 0.0 else -1.0
     left = options.left | with_neighbours(finding.worse, options.left, count)

@@ -20,7 +20,7 @@ from support.random_cuts import random_cut
 import ph_post as ph
 from ph_post.api import guard, programs
 from ph_post.api.compensation import compensated as compensated_source
-from ph_post.api.guard import GuardFinding, otherwise
+from ph_post.api.guard import GuardFinding, otherwise, tightened
 from ph_post.api.options import CompensateOptions
 from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.dialects.declaration import line_origins
@@ -141,6 +141,16 @@ def test_what_is_worse_for_what_was_left_is_left_too_and_the_rest_kept() -> None
     assert found.rms is not None
     assert found.rms[1] < 0.3 * found.rms[0]
     assert found.followed > 0.7 * found.shown > 500
+
+
+def test_behind_the_fourth_plan_that_takes_too_long_each_aims_lower() -> None:
+    """Each came nearer to the time allowed, and none was within it until the last that is tried."""
+    over = GuardFinding(worse=frozenset(), slowdown=0.102, planned=0.08, rms=4e-6)
+    tried = [tightened(EditOptions(max_slowdown=0.09), over, 0.1, 1, late=late) for late in range(6)]
+    assert all(one is not None for one in tried)
+    aims = [(one.max_slowdown + SPARE) * 0.102 / 0.08 for one in tried if one is not None]
+    assert aims[:3] == pytest.approx([0.10045] * 3)
+    assert aims[3:] == pytest.approx([0.1 * 0.985**n + 0.00045 for n in (1, 2, 3)])
 
 
 def octagons(count: int) -> str:
