@@ -187,7 +187,7 @@ def test_pipelines_end_with_the_line_of_convert(
     assert said[-2:] == expected[-2:]
 
 
-@pytest.mark.parametrize("allowed", [0.01, 10.0])
+@pytest.mark.parametrize("allowed", [0.001, 10.0])
 def test_python_says_the_same(part: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], allowed: float) -> None:
     words = ("-m", "stepper", "--max-slowdown", str(allowed), "-o", str(tmp_path / "out.ngc"), "--json")
     view = json.loads(ended(capsys, "convert", str(part), *words)[1])
