@@ -142,7 +142,7 @@ def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, 
     # Of a print that is one section, or nearly so, no axis is left from its beginning to its end.
     whole = search.crossings.ground.beam.tends and every.max(initial=0.0) > MOSTLY * every.sum()
     if options.in_parts or whole:
-        _leave_behind(search, options, allowed, need, found, gain)
+        _leave_behind(search, options, allowed, need, found, every)
         if options.in_parts or any(rows.size for rows in _search_raised(search, options, 1.0).values()):
             return
         search.take_again(search.for_now)
@@ -196,14 +196,13 @@ def _leave_behind(
     allowed: float,
     need: float,
     found: dict[str, Array],
-    gain: Mapping[str, Array],
+    gain: Array,
 ) -> None:
     """Leave all axes that reverse there from a place in a section on, and sections that gain less for their time.
 
-    Where that is still too much, axes that do not reverse there are left too.
+    Where that is still too much, axes that do not reverse there are left too. `gain` (s,) is that of all axes.
     """
-    total = np.sum(list(gain.values()), axis=0)
-    parts = _SectionParts(search, found, total, largest_first=options.largest_first)
+    parts = _SectionParts(search, found, gain, largest_first=options.largest_first)
     turns = {name: np.sort(rows[rows[:, SIGN] != 0.0, MOTION]) for name, rows in found.items()}
 
     def leave(budget: float, *, resting: bool) -> None:

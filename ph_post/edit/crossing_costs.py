@@ -91,7 +91,7 @@ class CrossingCosts:
         """Time [s] that a stop with a move of the axis alone takes, rests apart (n,)."""
         axes = self._ground.machine.axes
         pushes = [axes[n].limits.acceleration * self._smooth if n in axes else 1.0 for n in AXES]
-        moves = np.sqrt(self._lost() / pushes)
+        moves = np.sqrt(self._ground.lost / pushes)
         passed = self.at_corners(spots)
         # Between its ends 2 √(g/a); a corner is passed slowly anyway, which takes about half of it.
         longer = 1.0 + np.minimum(passed / np.maximum(spots.feed, LEAST_FEED), 1.0)
@@ -99,7 +99,7 @@ class CrossingCosts:
         if not isinstance(self._ground.planner, ExactPath):
             # Where joints are rounded it is not much faster than the path.
             fastest = np.maximum(spots.feed, np.array([self.beside_cut(axes.get(n)) for n in AXES])[spots.column])
-            lost = self._lost()[spots.column]
+            lost = self._ground.lost[spots.column]
             move = np.where(spots.rows[:, SIGN] == 0.0, move, np.maximum(move, lost / fastest))
         return np.asarray(move + passed / self._push(spots))
 
@@ -154,8 +154,10 @@ class CrossingCosts:
         ground, passed = self._ground, spots.rows[:, PASSED]
         corner = (spots.rows[:, SHARE] == 1.0) & (passed < KINK * spots.feed)
         which = np.flatnonzero(corner & (spots.window[:, 2] > 0.0))
+        if not which.size:
+            return feed, speed
         begin, finish = spots.window[which, :2].T.copy()
-        lost = self._lost()[spots.column[which]]
+        lost = ground.lost[spots.column[which]]
         edges = [begin - BESIDE_WINDOW, begin, finish, finish + BESIDE_WINDOW]
         points = np.array([points_along(ground.view, ground.along, one) for one in edges])
         points[2:, np.arange(which.size), spots.column[which]] += spots.rows[which, SIGN] * lost
@@ -180,11 +182,6 @@ class CrossingCosts:
         feed = np.maximum(ground.feed[line], LEAST_FEED)
         longer = _between_stops(lost, push, most) - _between_stops(length, ground.push(line), feed)
         return np.maximum(longer, 0.0), np.minimum(feed, most * length / lost)
-
-    def _lost(self) -> Array:
-        """Lost motion of X, Y and Z [m], shape (3,)."""
-        axes = self._ground.machine.axes
-        return np.array([axes[name].gap.lost_motion if name in axes else 0.0 for name in AXES])
 
     @staticmethod
     def beside_cut(axis: Axis | None) -> float:

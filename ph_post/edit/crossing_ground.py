@@ -134,6 +134,8 @@ class CrossingGround:
     ----------
     step : float
         To which places are written [m].
+    lost : Array, shape (3,)
+        Lost motion of X, Y and Z [m]; 0 for an axis that the machine lacks.
     overshoot : dict
         From how far beyond its place each axis comes in the air [m].
     flat : Array, shape (m,)
@@ -188,6 +190,7 @@ class CrossingGround:
         self.flat = self._flat_helices()
         self.shapes = {name: self._shape(machine.axes[name]) for name in sides}
         axes = machine.axes
+        self.lost = np.array([axes[name].gap.lost_motion if name in axes else 0.0 for name in AXES])
         self.lag = np.array([response_time(axes[name].servo) if name in axes else 0.0 for name in AXES])
 
     def place(self, motion: IntArray, share: Array) -> Array:
@@ -346,7 +349,6 @@ class CrossingGround:
         )
         motion = np.searchsorted(self.along, np.stack([places - BESIDE, places + BESIDE], axis=1), side="right") - 1
         motion = np.clip(motion, 0, self.feed.size - 1)
-        lost = np.array([self.machine.axes[n].gap.lost_motion if n in self.machine.axes else 0.0 for n in AXES])
         crossings = CornerCrossings(
             into=into,
             out=out,
@@ -356,7 +358,7 @@ class CrossingGround:
             along=along,
             way=way,
             speed=speed,
-            lost=np.where(way != 0.0, lost, 0.0).max(axis=1),
+            lost=np.where(way != 0.0, self.lost, 0.0).max(axis=1),
         )
         return burns_little(self.machine, crossings)
 

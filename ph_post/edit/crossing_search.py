@@ -186,8 +186,7 @@ class CrossingSearch:
         """Return whether Z is on the side of its way down where the tool begins to cut, and carries nothing there."""
         ways = self.ground.way(slice(one.first, one.cut))[:, 2]
         last = ways[ways != 0.0][-1:]
-        lost = self.ground.machine.axes["Z"].gap.lost_motion if "Z" in self.ground.machine.axes else 0.0
-        return bool(last.size and last[0] <= -APPROACH * lost)
+        return bool(last.size and last[0] <= -APPROACH * self.ground.lost[2])
 
     def _winds_up(self, spots: Spots, n: int) -> bool:
         """Return whether an axis whose offset stays has to come from beyond its backlash all the same.

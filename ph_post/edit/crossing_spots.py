@@ -331,8 +331,9 @@ class SpotSearch:
             own = inner & ~calm & ~corner & corrected & (ground.lag[spots.column] == 0.0)
             self._on_chords(spots, own, wait, turning, window)
         turning &= self._touch_divisible(window)
-        curved = replace(spots, window=np.where(turning[:, None], window, 0.0))
-        turning &= ~dull | (self._costs.of_chords(curved) < self._costs.of_stops(spots))
+        if dull.any():
+            curved = replace(spots, window=np.where(turning[:, None], window, 0.0))
+            turning &= ~dull | (self._costs.of_chords(curved) < self._costs.of_stops(spots))
         turning |= slowly
         window[slowly] = spots.window[slowly]
         spots = replace(spots, calm=calm, window=np.where(turning[:, None], window, 0.0), blend=blend)
@@ -583,8 +584,7 @@ class SpotSearch:
     def _allowed(self, spots: Spots, coarser: float, finest: Array) -> tuple[Array, Array]:
         """Return errors of crossings (n,) [m], up to a multiple of the `finest` ones (n,), and the largest of all."""
         ground, column = self._ground, spots.column
-        axes = ground.machine.axes
-        lost = np.array([axes[n].gap.lost_motion if n in axes else 0.0 for n in AXES])[column]
+        lost = ground.lost[column]
         part = PART * max(coarser / LARGE, 1.0)
         error = np.minimum(coarser * finest, np.maximum(FINE * finest, part * lost))
         none = CrossingShape(first=0.0, wait=1.0)
