@@ -319,6 +319,19 @@ def _is_nested(data: Any, first: int, end: int) -> Any:
 
 
 @lean
+def _is_prose(data: Any, first: int, end: int) -> Any:
+    """Return True if a line has a word of three letters, and nothing that a controller could count, compute or call."""
+    letters = longest = 0
+    for i in range(first, end):
+        c = data[i]
+        letters = letters + 1 if _is_letter(c) else 0
+        longest = max(longest, letters)
+        if _is_numeric(c) or (c < 32 and c != 9) or c in (35, 36, 37, 42, 44, 60, 61, 64, 91, 94, 95):
+            return False
+    return longest > 2
+
+
+@lean
 def _read_line(data: Any, first: Any, end: Any, row: int, block: int, out: Any) -> Any:
     """Read one line: the row after its words, its trait, its first fault, and where.
 
@@ -361,6 +374,7 @@ def _read_line(data: Any, first: Any, end: Any, row: int, block: int, out: Any) 
         row, trait, fault, named = begin, 0, CLOSED_COMMENT, False
     if fault:
         trait &= ~O_WORD
+        named = named and not (fault in (NO_NUMBER, BAD_CHARACTER) and _is_prose(data, first, end))
         fault += FAULT if named else QUIET
     return row, trait, fault, where
 

@@ -37,6 +37,8 @@ def places(program, which="start"):
         (")", "closing parenthesis of no comment: )"),
         ("(a (b) c F5)", "closing parenthesis of no comment: c F5)"),
         ("& ;", "unknown character: & ;"),
+        ("second part", "letter without a number: second part"),
+        ("that was it!", "letter without a number: that was it!"),
     ],
 )
 def test_what_no_controller_can_obey_is_named_and_seen_through(line, what):
@@ -68,6 +70,8 @@ def test_what_no_controller_can_obey_is_named_and_seen_through(line, what):
         ("G2 X5 R1", "radius too small to reach the arc's end: G2"),
         ("G4", "dwell without a time: G4"),
         ("HOME_ALL", "letter without a number: HOME_ALL"),
+        ("X Y", "letter without a number: X Y"),
+        ("part 2", "letter without a number: part 2"),
     ],
 )
 def test_what_may_be_obeyed_is_named_and_its_place_forgotten(line, what):
