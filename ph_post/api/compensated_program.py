@@ -16,10 +16,12 @@ from ph_post.api.led_programs import (
 )
 from ph_post.api.results import ProgramMotion
 from ph_post.compensate.options import PlanOptions
-from ph_post.dialects.declaration import Declaration, read_declaration
+from ph_post.dialects.base import Dialect
+from ph_post.dialects.declaration import CORRECTED, THREADS, Declaration, read_declaration
 from ph_post.edit.edits import EditOptions, Edits
 from ph_post.edit.preconditions import reckoned_feeds
 from ph_post.edit.window_plans import WindowPlan
+from ph_post.edit.write import declare
 from ph_post.errors import PhPostError
 from ph_post.files.check import counted
 from ph_post.gcode.paths import ProgramPath
@@ -159,6 +161,35 @@ def head_notes(program: PartProgram, warnings: Sequence[str]) -> tuple[str, ...]
     words = [f"warning: {word}" for word in (*passed, *warnings)]
     more = [f"{len(words) - NOTED} more warnings"] if len(words) > NOTED else []
     return (*words[:NOTED], *more)
+
+
+def declaration_of(
+    program: PartProgram, edits: Edits, machine: Machine, dialect: Dialect, request: ProgramRequest
+) -> Declaration:
+    """Return what the head of a program says of the edits that it was compensated by."""
+    path_mode = dialect.syntax.path_mode
+    rounding = request.edit.chord_tolerance if edits.dips else edits.rounding
+    mode = path_mode(rounding) if rounding > 0.0 and path_mode is not None else ""
+    return declare(
+        program,
+        edits,
+        machine,
+        dialect,
+        request.edit,
+        options_digest=request.digest(machine.dialect),
+        path_mode=mode,
+        notes=(
+            *_side_notes(request.edit),
+            *(word for word in edits.warnings if word.startswith((CORRECTED, THREADS))),
+            *(head_notes(program, (*request.said, *edits.warnings)) if request.noted else ()),
+        ),
+    )
+
+
+def _side_notes(options: EditOptions) -> tuple[str, ...]:
+    """Say in the head of a program on which side of the path the part was said to be."""
+    side = {1: "left", -1: "right"}.get(options.part_side)
+    return () if side is None else (f"the part is on the {side} of the path",)
 
 
 def refusal(name: str, verdict: Verdict) -> PhPostError:

@@ -192,9 +192,7 @@ DIALECT = Dialect(
     ),
     recording=Recording(lines=halsampler_lines, ending=".txt", has_command=True),
     language=Language(
-        effects=dict.fromkeys(_USERS, codes.RUNS)
-        | dict.fromkeys(_KINEMATICS, codes.SWITCHES)
-        | {_BEEPS: codes.STAYS},
+        effects=dict.fromkeys(_USERS, codes.RUNS) | dict.fromkeys(_KINEMATICS, codes.SWITCHES) | {_BEEPS: codes.STAYS},
         # Mach3's word, which a machine of LinuxCNC has only where its owner has given it (REMAP).
         skips=True,
         threads=True,

@@ -12,7 +12,7 @@ from support.corpus_judge import Judged, compare, judge
 from support.editing import with_edits
 from support.random_cuts import random_cut
 
-from ph_post.api import programs
+from ph_post.api import failed_changes, plan_search
 from ph_post.api.compensated_program import NOTED, ProgramRequest
 from ph_post.api.compensation import compensate
 from ph_post.api.programs import compensate_program
@@ -124,7 +124,7 @@ def test_what_time_would_do_is_said_where_it_is_too_short():
 
 def test_what_time_would_do_is_said_where_no_plan_within_it_is_any_good(monkeypatch):
     """With one axis alone the part is worse, and no part of the cut is tried."""
-    monkeypatch.setattr(programs._PlanSearch, "_in_parts", lambda *_: None)
+    monkeypatch.setattr(plan_search.PlanSearch, "_in_parts", lambda *_: None)
     text = strokes()
     found = delivered(text, request=asked(0.1))
     assert found.after.data == found.before.data
@@ -284,7 +284,7 @@ def test_one_change_that_does_not_pass_leaves_the_motions_about_it_alone(monkeyp
     """Of a zigzag of 60 strokes the checker refuses one or two: a table with play follows the rest."""
     strokes = [f"G1 X{60.0 * (n % 2) + 0.3 * n:.1f} Y{2.0 * n:.1f} F1200" for n in range(1, 61)]
     text = "\n".join(["G21 G90 G17", "G64 P0.01", "G0 X0 Y0 Z2", "G1 Z-1 F300", *strokes, "G0 Z2", "M2", ""])
-    refused, honest, tries = [20, 45][:lines], programs.verify, []
+    refused, honest, tries = [20, 45][:lines], failed_changes.verify, []
 
     def strict(original, after, **named):
         verdict = honest(original, after, **named)
@@ -299,7 +299,7 @@ def test_one_change_that_does_not_pass_leaves_the_motions_about_it_alone(monkeyp
         ]
         return Verdict(failures=tuple(failures), found=lines, checked=verdict.checked)
 
-    monkeypatch.setattr(programs, "verify", strict)
+    monkeypatch.setattr(failed_changes, "verify", strict)
     made = delivered(text, machine=stepper("linuxcnc"), request=asked(strategy="auto"))
     assert len(tries) == 2
     assert "would not pass the check" in " ".join(made.edits.warnings)
@@ -321,14 +321,14 @@ def test_where_a_few_sections_stay_worse_a_part_that_is_much_better_is_written_a
     monkeypatch, number, half
 ):
     """Of 25 pockets another one, or two, are found worse in each plan: one is few."""
-    real, tries = programs.Guard.compare, []
+    real, tries = plan_search.Guard.compare, []
 
     def found(self, after, planned):
         tries.append(2 * len(tries) + 2)
         return replace(real(self, after, planned), worse=frozenset(range(tries[-1], tries[-1] + number)))
 
-    monkeypatch.setattr(programs.Guard, "compare", found)
-    monkeypatch.setattr(programs, "HALF", half)
+    monkeypatch.setattr(plan_search.Guard, "compare", found)
+    monkeypatch.setattr(plan_search, "HALF", half)
     text = f"G21 G90 G17 G61\nG0 X0 Y0 Z5\n{POCKETS}M2\n"
     made = delivered(text, request=asked(strategy="auto"))
     written = half > 0.0 and number == 1
@@ -344,7 +344,7 @@ def test_where_a_few_sections_stay_worse_a_part_that_is_much_better_is_written_a
 @pytest.mark.parametrize(("mode", "words"), [("", "a path mode that rounds corners less may help"), ("G64 P0.005", "")])
 def test_where_rounded_corners_leave_a_part_no_better_it_is_said_what_may_help(monkeypatch, mode, words):
     """Of corners that are rounded by 350 µm some come out worse where the backlash is crossed in them."""
-    monkeypatch.setattr(programs, "HALTED", 0)
+    monkeypatch.setattr(plan_search, "HALTED", 0)
     text = f"G21 G90 G17 {mode}\nG0 X0 Y0 Z5\nG1 Z-1 F300\nG1 X30 F1200\nG1 Y20\nG1 X0\nG1 Y0\nG0 Z5\nM2\n"
     made = delivered(text, machine=read_machine("router"), request=asked(strategy="auto"))
     before, after = (one.error for one in made.motions)
@@ -451,7 +451,7 @@ def test_a_count_that_is_off_leaves_the_motions_about_its_change_alone(monkeypat
     """Of a zigzag of 60 strokes the check misses a crossing behind one: the mark has a name, and no number."""
     strokes = [f"G1 X{60.0 * (n % 2) + 0.3 * n:.1f} Y{2.0 * n:.1f} F1200" for n in range(1, 61)]
     text = "\n".join(["G21 G90 G17", "G64 P0.01", "G0 X0 Y0 Z2", "G1 Z-1 F300", *strokes, "G0 Z2", "M2", ""])
-    honest, tries = programs.verify, []
+    honest, tries = failed_changes.verify, []
 
     def strict(original, after, **named):
         verdict, origins = honest(original, after, **named), line_origins(after, original)
@@ -466,7 +466,7 @@ def test_a_count_that_is_off_leaves_the_motions_about_its_change_alone(monkeypat
         )
         return replace(verdict, failures=(off,), found=1, crossings=found)
 
-    monkeypatch.setattr(programs, "verify", strict)
+    monkeypatch.setattr(failed_changes, "verify", strict)
     made = delivered(text, machine=stepper("linuxcnc"), request=asked(strategy="auto"))
     assert 2 <= len(tries) <= 4
     assert "would not pass the check" in " ".join(made.edits.warnings)
@@ -485,11 +485,11 @@ def test_the_crossings_that_are_found_in_each_change_are_those_that_are_planned(
     assert sum(verdict.crossings.values()) == declared > 3
     marks = {made.after.text(line - 1).count(b"crossing ") for line in verdict.crossings}
     assert 0 not in marks
-    assert programs._with_miscounts(made, verdict) is verdict
+    assert failed_changes.with_miscounts(made, verdict) is verdict
     off = Failure(kind="count", original=None, compensated=2, what="other crossings")
     for mark in verdict.crossings:
         found = verdict.crossings | {mark: verdict.crossings[mark] - 1}
-        told = programs._with_miscounts(made, replace(verdict, failures=(off,), found=1, crossings=found))
+        told = failed_changes.with_miscounts(made, replace(verdict, failures=(off,), found=1, crossings=found))
         assert [one.compensated for one in told.failures] == [mark]
 
 

@@ -200,10 +200,10 @@ def test_a_crash_leaves_the_original_or_the_finished_file(circle, capfdbinary, m
 
 
 def test_a_program_that_does_not_pass_is_not_written(circle, tmp_path, capfdbinary, monkeypatch):
-    from ph_post.api import programs
+    from ph_post.api import plan_search
 
-    honest = programs.apply_edits
-    monkeypatch.setattr(programs, "apply_edits", lambda *given: honest(*given).replace(b"M5\n", b"", 1))
+    honest = plan_search.apply_edits
+    monkeypatch.setattr(plan_search, "apply_edits", lambda *given: honest(*given).replace(b"M5\n", b"", 1))
     out = tmp_path / "out.ngc"
     status, _, said = run(capfdbinary, "convert", circle, *ROOMY, "-o", out)
     assert status == 2
@@ -213,12 +213,12 @@ def test_a_program_that_does_not_pass_is_not_written(circle, tmp_path, capfdbina
 
 def test_a_chain_that_does_not_pass_is_left_as_it_was(tmp_path, capfdbinary, monkeypatch):
     """Of two circles the checker refuses one, its stops too: the other is compensated, the first keeps its bytes."""
-    from ph_post.api import programs
+    from ph_post.api import failed_changes
 
     place, out = tmp_path / "two.ngc", tmp_path / "out.ngc"
     cut = b"G0 X20 Y0\nG1 Z-1 F300\nG3 X20 Y0 I-20 J0 F1200\nG0 Z5\n"
     place.write_bytes(CIRCLE.replace(cut, cut + b"T2 M6\nG0 X30 Y0 Z5\n" + cut.replace(b"20", b"25")))
-    honest, refused = programs.verify, []
+    honest, refused = failed_changes.verify, []
 
     def strict(*given, **named):
         verdict = honest(*given, **named)
@@ -227,7 +227,7 @@ def test_a_chain_that_does_not_pass_is_left_as_it_was(tmp_path, capfdbinary, mon
         refused.append(Failure(kind="path", original=7, compensated=None, what="the way is another"))
         return Verdict(failures=(refused[-1],), found=1, checked=verdict.checked)
 
-    monkeypatch.setattr(programs, "verify", strict)
+    monkeypatch.setattr(failed_changes, "verify", strict)
     status, _, said = run(capfdbinary, "convert", place, *ROOMY, "-o", out)
     assert status == 0
     assert "not compensated in lines 4 to 8: a change would not pass the check" in said
