@@ -22,7 +22,14 @@ from ph_post.dialects.declaration import CORRECTED, THREADS, read_declaration
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.cutter_contours import LEFT
-from ph_post.edit.preconditions import reckoned_feeds, require_tool, require_words, warn_centres, warn_reckoned
+from ph_post.edit.preconditions import (
+    reckoned_feeds,
+    require_tool,
+    require_words,
+    warn_centres,
+    warn_dwells,
+    warn_reckoned,
+)
 from ph_post.edit.threads import THREAD_LEFT, Threads
 from ph_post.edit.undo import original_of
 from ph_post.edit.window_plans import shifts_axes
@@ -122,7 +129,7 @@ def _planned(
     rounds = bool(paths_said) and dialect.syntax.path_mode is not None
     paths_said += chord_warnings(original, machine, dialect, options.tolerance)
     paths_said += [*doubtful_values(machine, moved_axes(original)), *warn_reckoned(original, reckoned), *said]
-    paths_said += warn_centres(original)
+    paths_said += warn_centres(original) + warn_dwells(original)
     paths_said += _friction_left(original, machine, request)
     found = PlanSearch(original, planner, before, request, tuple(paths_said), rounds, progress).run(options)
     return replace(found, paths=paths)

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.bounds import HOUR
 from ph_post.dialects.base import Dialect
 from ph_post.drive.axes import side_offsets
 from ph_post.drive.cascade import response_time
@@ -32,6 +33,10 @@ from ph_post.gcode.working import tool_in_words, working_motions
 from ph_post.post.moves import FINEST
 from ph_post.types import ROTARY_AXES, Array, Axis, BoolArray, Machine, sealed
 from ph_post.units import MM, MM_PER_MIN
+
+LONG_DWELL: Final = 30.0
+MANY_DWELLS: Final = 5
+"""So many dwells of so many seconds [s] in a program are hardly meant: a pen or a torch waits for a second at most."""
 
 
 def why_indivisible(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
@@ -212,6 +217,19 @@ def warn_reckoned(program: PartProgram, reckoned: PartProgram) -> list[str]:
     return [
         f"the feed in {program.line_words(*lines)} is not known (G95, units of the control's own, or no F yet): the"
         f" time is reckoned with {feed / MM_PER_MIN:g} mm/min, and new lines have the feed in force"
+    ]
+
+
+def warn_dwells(program: PartProgram) -> list[str]:
+    """Return a warning of dwells so long that milliseconds may be meant where the controller counts seconds."""
+    lines, seconds = program.dwells()
+    long = np.flatnonzero(seconds >= LONG_DWELL)
+    if long.size < MANY_DWELLS:
+        return []
+    hours, first = float(seconds[long].sum()) / HOUR, int(lines[long[0]]) + 1
+    return [
+        f"{long.size} dwells of {LONG_DWELL:g} s and more take {hours:.3g} h, the first in line {first}: where"
+        " milliseconds are meant, the program lasts far less, and is slowed down by more of its time than is said"
     ]
 
 

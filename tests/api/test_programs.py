@@ -562,3 +562,36 @@ def test_where_nothing_can_be_better_nothing_is_written():
     """One axis that goes one way: its table is late, but on the path, on whichever side of its backlash it begins."""
     found = judge(Entry("one way", File(), "grbl", "G01 X0 Y0 F1000\nG01 X10 Y0 F2000\nG01 X15 Y0 F1000\nX20\n"))
     assert found.outcome == "unchanged"
+
+
+def pen_strokes(count, seconds):
+    """Strokes of a pen as an Inkscape extension writes them: it is let down and lifted, and waits each time."""
+    lines = ["G21", "G90", "G92 X0 Y0 Z0"]
+    for n in range(count):
+        drawn = [f"G1 X{n} Y7", f"X{n}.3 Y2", f"X{n} Y9", f"X{n}.6 Y5"]
+        lines += [f"G1 X{n} Y0 F3000", "M300 S30", f"G4 P{seconds}", *drawn, "M300 S50", f"G4 P{seconds}"]
+    return "\n".join([*lines, "M2", ""]).encode()
+
+
+def test_dwells_of_hours_leave_no_reversal_to_the_time(tmp_path):
+    """Milliseconds in a program for a controller that counts seconds: its rests are no rows of a simulation."""
+    text = pen_strokes(80, 150)
+    file = tmp_path / "pen.gcode"
+    file.write_bytes(text)
+    found = compensate(file, stepper("grbl"))
+    before, after = found.before.time, found.after.time
+    # The time is from the first move to the last: 158 rests, and strokes of some 20 mm at 50 mm/s and 250 mm/s².
+    assert 23_700.0 + 80 * 0.4 < before < 23_700.0 + 80 * 2.5
+    assert before < after < 1.1 * before
+    assert sum(row.compensated for row in found.axis_reversals) == sum(row.all for row in found.axis_reversals) > 300
+    assert any("160 dwells of 30 s and more take 6.67 h, the first in line 6" in word for word in found.warnings)
+    judged = compare(Judged("compensated"), "grbl", text, found.program())
+    assert judged.followed == judged.shown > 200
+    assert 5.0 * judged.rms[1] < judged.rms[0]
+
+
+def test_short_dwells_are_not_spoken_of(tmp_path):
+    file = tmp_path / "pen.gcode"
+    file.write_bytes(pen_strokes(3, 0.15))
+    found = compensate(file, stepper("grbl"))
+    assert not any("and more take" in word for word in found.warnings)
