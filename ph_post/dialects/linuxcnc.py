@@ -36,10 +36,6 @@ _KINEMATICS = (428, 429, 430)
 """M words by which machines with rotary axes switch their kinematics, as LinuxCNC's own configurations do ("Switchable
 Kinematics"); which of them is the one in which X, Y and Z are joints is the machine's choice."""
 
-_BEEPS = 300
-"""M word at which printers beep, and with S a pen's servo turns (RepRap wiki, "G-code"; gcodetools' programs for pens).
-LinuxCNC refuses it, as all from M200 on that nobody has given a meaning."""
-
 _SPANS = 16
 """LinuxCNC plays a G5 as 16 pairs of arcs at equal steps of the parameter (its emccanon.cc)."""
 
@@ -192,7 +188,7 @@ DIALECT = Dialect(
     ),
     recording=Recording(lines=halsampler_lines, ending=".txt", has_command=True),
     language=Language(
-        effects=dict.fromkeys(_USERS, codes.RUNS) | dict.fromkeys(_KINEMATICS, codes.SWITCHES) | {_BEEPS: codes.STAYS},
+        effects=dict.fromkeys(_USERS, codes.RUNS) | dict.fromkeys(_KINEMATICS, codes.SWITCHES),
         # Mach3's word, which a machine of LinuxCNC has only where its owner has given it (REMAP).
         skips=True,
         threads=True,

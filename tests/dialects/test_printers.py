@@ -293,7 +293,6 @@ def test_what_says_again_what_is_in_force_changes_no_mode() -> None:
         ("marlin", "G21\nG91 G0 F300.0 Z8.000\nG90\nG28 X\nG28 Y\nG28 Z", ""),
         ("grbl", "G21\nG90\nM300 S50 (pen up)\nG4 P0.15", "M300 S30 (pen down)\nG4 P0.15\n"),
         ("grblhal", "G21\nG90\nM280 P0 S50", "M280 P0 S30\n"),
-        ("linuxcnc", "G21\nG90\nG64 P0.002\nM300 S50 (pen up)\nG4 P0.15", "M300 S30 (pen down)\nG4 P0.15\n"),
     ],
 )
 def test_a_table_with_play_follows_a_plotters_program(dialect: str, head: str, before: str) -> None:
