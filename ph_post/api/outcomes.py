@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -186,6 +187,16 @@ _OWN_M: Final = re.compile(r"(?:(?:unknown M (?:word|function)|M word of a progr
 """A note on an M word of which its machine's builder alone knows what it does; on Siemens's the word is all of it."""
 
 
+_MACRO: Final = re.compile(r"line for the controller itself: (?![A-Za-z]\d)([A-Za-z_]\w+)")
+"""A note on a macro of which its owner alone knows what it does."""
+
+_OFTEN: Final = 5
+"""Times that a macro parts cuts before it is advised to say that it moves nothing: START_PRINT comes once."""
+
+_MANY_LINES: Final = 100
+"""Lines that are passed through from which on their number is told beside that of the stretches."""
+
+
 def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) -> tuple[str, ...]:
     """Describe the stretches of a program that are passed through: their number, one of them, and what would help.
 
@@ -211,11 +222,16 @@ def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) 
     if base in WRITTEN_AS_LINUXCNC and any(note.what.startswith(_CUTTER) for note in notes):
         said.append(f"{'' if expanded else '--expand '}--tool-table FILE works out cutter compensation")
     own = sorted({int(found[1]) for note in notes if (found := _OWN_M.match(note.what))})
-    if own := [number for number in own if may_rest(number)]:
-        words, variant = in_words([f"M{number}" for number in own]), "".join(f"+m{number}" for number in own)
-        moves = "moves" if len(own) == 1 else "move"
-        said.append(f'dialect = "{dialect}{variant}" in the machine file says that {words} {moves} nothing')
-    return (f"{counted(len(notes), 'stretch', 'stretches')} passed through unchanged ({'; '.join(said)})",)
+    names = [f"M{number}" for number in own if may_rest(number)]
+    if program.language.macros:
+        macros = Counter(found[1].upper() for note in notes if (found := _MACRO.match(note.what)))
+        names += sorted(name for name, count in macros.items() if count >= _OFTEN)
+    if names:
+        variant, moves = "".join(f"+{name.lower()}" for name in names), "moves" if len(names) == 1 else "move"
+        said.append(f'dialect = "{dialect}{variant}" in the machine file says that {in_words(names)} {moves} nothing')
+    stretches, lines = counted(len(notes), "stretch", "stretches"), sum(note.last - note.first + 1 for note in notes)
+    stretches += f" of {lines} lines" if lines >= _MANY_LINES else ""
+    return (f"{stretches} passed through unchanged ({'; '.join(said)})",)
 
 
 def units_notes(program: PartProgram, dialect: Dialect) -> tuple[str, ...]:

@@ -72,6 +72,7 @@ DIALECT = Dialect(
         fixed={codes.UNITS: MM, codes.FEED_MODE: 94.0, codes.ARC_ABSOLUTE: 0.0},
         feed_known=False,
         bound=why_bound,
+        macros=True,
     ),
 )
 """The Klipper dialect."""

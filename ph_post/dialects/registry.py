@@ -50,6 +50,7 @@ SIGNATURES: Final = (
 
 
 _RESTING: Final = re.compile(r"m0*(\d{1,4})", re.IGNORECASE)
+_MACRO: Final = re.compile(r"(?![a-z]\d)[a-z_]\w+", re.IGNORECASE | re.ASCII)
 """Variant of any dialect: an M word that moves nothing."""
 
 
@@ -82,7 +83,8 @@ def find_dialect(name: str, where: str = "dialect") -> Dialect:
     ----------
     name : str
         Words behind plus signs are variants of the dialect: ``fanuc+nurbs``. Every dialect has one for each M word to
-        which a machine's builder may give a meaning, by which it moves nothing: ``linuxcnc+m103``.
+        which a machine's builder may give a meaning, by which it moves nothing: ``linuxcnc+m103``; Klipper's has one
+        for each macro, too: ``klipper+printing_feature``.
     where : str, optional
         The file and key, or the option, that has the name, for the error.
 
@@ -94,26 +96,29 @@ def find_dialect(name: str, where: str = "dialect") -> Dialect:
     base, *words = name.split("+")
     dialect = _REGISTRY.find(base, where)
     resting = [int(found[1]) for word in words if (found := _RESTING.fullmatch(word))]
+    macros = frozenset[str]()
     for word in words:
         if word in dialect.variants:
             dialect = dialect.variants[word](dialect)
+        elif dialect.language.macros and _MACRO.fullmatch(word) and not _RESTING.fullmatch(word):
+            macros |= {word}
         elif not _RESTING.fullmatch(word):
             known = " or ".join([*dialect.variants, "an M word that moves nothing, as m103"])
             raise InputError(where, f"the dialect {base} has no such variant", expected=known, got=repr(word))
-    if resting:
-        dialect = replace(dialect, language=_resting(dialect, resting, name, where))
+    if resting or macros:
+        dialect = replace(dialect, language=_resting(dialect, resting, macros, name, where))
     return replace(dialect, name=name, options=dialect.options | {*words}) if words else dialect
 
 
-def _resting(dialect: Dialect, numbers: Sequence[int], name: str, where: str) -> Language:
-    """Return the language of a dialect of that name in which M words move nothing."""
+def _resting(dialect: Dialect, numbers: Sequence[int], macros: frozenset[str], name: str, where: str) -> Language:
+    """Return the language of a dialect of that name in which M words and macros move nothing."""
     from ph_post.gcode.codes import may_rest  # loads numpy, slow: names are completed without it
 
     for number in numbers:
         if not may_rest(number):
             what = f"M{number} has a meaning of its own"
             raise InputError(where, what, expected="an M word of the machine's builder", got=repr(name))
-    return dialect.language.resting(frozenset(numbers), name.lower())
+    return dialect.language.resting(frozenset(numbers), name.lower(), macros)
 
 
 def _fits(found: object) -> TypeGuard[Dialect]:

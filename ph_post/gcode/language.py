@@ -97,6 +97,8 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         Whether G31 moves the axes that it names, and no others, up to a signal.
     threads : bool
         Whether G33 is a straight move of so much a turn of the spindle along its way as K says.
+    macros : bool
+        Whether a line may begin with the name of a macro, which does what its owner wants.
     cycles_apart : bool
         Whether canned cycles are no motion modes, so that G80 leads back to the straight motion before them.
     effects : mapping of int to int
@@ -131,6 +133,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     contours: bool = False
     skips: bool = False
     threads: bool = False
+    macros: bool = False
     cycles_apart: bool = False
     effects: Mapping[int, int] = {}
     diameters: bool = False
@@ -141,11 +144,11 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         """How often the place of X, Y and Z is what their words say, shape (3,)."""
         return np.array([2 if self.diameters else 1, 1, 1], dtype=np.int64)
 
-    def resting(self, words: frozenset[int], name: str) -> Language:
-        """Return the language of the dialect `name` in which M words, by their numbers, move nothing."""
+    def resting(self, words: frozenset[int], name: str, macros: frozenset[str] = frozenset()) -> Language:
+        """Return the language of the dialect `name` in which M words, by their numbers, and macros move nothing."""
         effects = {**self.effects, **dict.fromkeys(sorted(words), codes.STAYS)}
         if self.hide is not None:
-            return replace(self, name=name, hide=partial(_without, self.hide, _commands(words)))
+            return replace(self, name=name, hide=partial(_without, self.hide, _commands(words, macros)))
         read: Any = self.read
         if read is None:
             return replace(self, name=name, effects=effects)
@@ -200,10 +203,12 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         return rows[plain], seconds[plain]
 
 
-def _commands(words: frozenset[int]) -> re.Pattern[bytes]:
-    """Return the pattern of a line that has one of these M words and no other command."""
-    numbers = "|".join(map(str, sorted(words)))
-    line = rf"^[ \t]*(?:N\d+)?[ \t]*M0*(?:{numbers})(?![\d.])(?:(?![GMT][ \t]*\d)[^;\r\n])*(?=[;\r\n]|\Z)"
+def _commands(words: frozenset[int], macros: frozenset[str]) -> re.Pattern[bytes]:
+    """Return the pattern of a line that has one of these M words and no other command, or one of these macros."""
+    numbers, names = ("|".join(map(str, sorted(some))) for some in (words, macros))
+    commands = [rf"M0*(?:{numbers})(?![\d.])(?:(?![GMT][ \t]*\d)[^;\r\n])*"] if words else []
+    commands += [rf"(?:{names})(?!\w)[^;\r\n]*"] if macros else []
+    line = rf"^[ \t]*(?:N\d+)?[ \t]*(?:{'|'.join(commands)})(?=[;\r\n]|\Z)"
     return re.compile(line.encode(), re.IGNORECASE | re.MULTILINE)
 
 

@@ -125,6 +125,11 @@ def test_what_is_passed_through_is_not_compensated(part: Path, capsys: pytest.Ca
             "M300 (a macro of the shop's own)\n",
             'dialect = "linuxcnc+m300" in the machine file says that M300 moves nothing',
         ),
+        (
+            "klipper",
+            "START\n" + "G1 X1 Y1 F600\nG1 X2\nFAN_UP S=1\n" * 5,
+            'dialect = "klipper+fan_up" in the machine file says that FAN_UP moves nothing',
+        ),
     ],
 )
 def test_what_would_have_it_compensated_is_said(dialect: str, text: str, way: str) -> None:
@@ -419,3 +424,10 @@ def test_the_backlash_of_each_axis_is_off_by_what_its_own_measurement_leaves(
     worst = 1e3 * view["error_gap"]["after_worst"]["max"]
     assert max(off) - 0.2 <= worst <= (off[0] ** 2 + off[1] ** 2) ** 0.5 + 0.6
     assert re.search(r"\([\d.]+ if the backlash is (.*) off\)", view["result_line"])[1] == words  # type: ignore[index]
+
+
+def test_how_many_lines_are_passed_through_is_said_where_they_are_many() -> None:
+    text = "G90\nG1 X0 Y0 F600\n" + "PARK\n" + "G1 X1 E1\nG1 X2 E2\n" * 60
+    (said,) = passed_through(read_program(text.encode(), "a", language=find_dialect("klipper").language), "klipper")
+    assert said.startswith("2 stretches of 121 lines passed through unchanged (line 3: ")
+    assert "PARK moves nothing" not in said

@@ -85,6 +85,28 @@ def test_an_m_word_that_moves_nothing_is_named_behind_a_plus_sign(name: str) -> 
         assert "not understood" in [one.kind for one in read_as(f"{name}+m581", other, "a").breaks]
 
 
+MACROS = (
+    "PRINTING_FEATURE_ON\nG90\nG1 X1 Y1 F600\nPRINTING_FEATURE TYPE=Skirt ; G1 X9\n"
+    "  printing_feature\nG1 X2\nM581\nG1 X3\n"
+)
+
+
+def test_a_macro_of_klipper_that_moves_nothing_is_named_behind_a_plus_sign() -> None:
+    text = MACROS.encode()
+    plain, told = (read_as(f"klipper{more}", text, "a") for more in ("", "+m581+Printing_Feature"))
+    assert [note.first for note in plain.notes if note.what.startswith("line for")] == [0, 3, 6]
+    # The macro whose name begins so is another.
+    assert [note.first for note in told.notes] == [0]
+    assert told.motions.chain.tolist() == [1, 1, 1]
+    assert told.motions.start[1:, :2].tolist() == [[1e-3, 1e-3], [2e-3, 1e-3]]
+
+
+@pytest.mark.parametrize("name", ["klipper+g28", "klipper+t1", "klipper+x-y", "grbl+printing_feature"])
+def test_no_command_is_a_macro(name: str) -> None:
+    with pytest.raises(InputError, match="has no such variant"):
+        registry.find_dialect(name)
+
+
 @pytest.mark.parametrize("word", ["m6", "m3", "m30", "m98", "m99", "m1581"])
 def test_an_m_word_with_a_meaning_of_its_own_cannot_move_nothing(word: str) -> None:
     with pytest.raises(InputError, match=f"M{word[1:]} has a meaning of its own"):
