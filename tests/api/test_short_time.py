@@ -18,7 +18,7 @@ from support.editing import with_edits
 from support.random_cuts import random_cut
 
 import ph_post as ph
-from ph_post.api import guard, programs
+from ph_post.api import failed_changes, guard, plan_search
 from ph_post.api.compensation import compensated as compensated_source
 from ph_post.api.guard import GuardFinding, otherwise, tightened
 from ph_post.api.options import CompensateOptions
@@ -77,7 +77,7 @@ def test_a_crossing_that_fails_in_a_further_plan_becomes_a_stop_there(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """The second plan, which takes what is left of the time, was given up for it, and Y stayed as it was."""
-    honest, failed = programs.verify, [0, 0]
+    honest, failed = failed_changes.verify, [0, 0]
 
     def strict(original: PartProgram, after: PartProgram, **named: Any) -> Verdict:
         verdict, origins = honest(original, after, **named), line_origins(after, original)
@@ -90,7 +90,7 @@ def test_a_crossing_that_fails_in_a_further_plan_becomes_a_stop_there(
         off = Failure(kind="crossing", original=None, compensated=marks[0], what="not those that its mark names")
         return structs.replace(verdict, failures=(off,), found=1)
 
-    monkeypatch.setattr(programs, "verify", strict)
+    monkeypatch.setattr(failed_changes, "verify", strict)
     found = compensated(34, 0.103, tmp_path)
     assert failed[1] == 1
     done, every = counts(found)
@@ -401,7 +401,7 @@ def test_a_section_is_left_no_more_than_about_the_place_where_it_is_worse(
 
     Where the path halts in it nothing is left.
     """
-    monkeypatch.setattr(programs, "HALTED", halted)
+    monkeypatch.setattr(plan_search, "HALTED", halted)
     angle = np.radians(4.5) * np.arange(201)
     places = np.column_stack([np.cos(angle), np.sin(angle)]) * (50.8 - 0.0635 * np.arange(201))[:, None]
     lines = "".join(f"G1 X{x:.4f} Y{y:.4f}\n" for x, y in np.diff(places.round(4), axis=0))
