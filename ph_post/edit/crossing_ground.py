@@ -57,7 +57,7 @@ from ph_post.gcode.program import (
     plane_columns,
 )
 from ph_post.simulate.controllers.legs import ACROSS
-from ph_post.simulate.controllers.moves import linkings, tolerance_of, tolerances
+from ph_post.simulate.controllers.moves import linkings, tolerance_of, tolerances, waits_for_speed
 from ph_post.simulate.controllers.run import planned_speeds
 from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
 from ph_post.units import MM
@@ -182,7 +182,7 @@ class CrossingGround:
         self.contours = CutterContours(program)
         self.threads = Threads(program)
         self.rapids = np.flatnonzero(program.motions.kind == RAPID)
-        self.region = _regions(program, self.halts)
+        self.region = _regions(program, self.halts, exact=isinstance(self.planner, ExactPath))
         begins, self.region_number = _stretches(self.region)
         self.region_low = self.along[begins]
         self.region_high = self.along[np.append(begins[1:], self.region.size)]
@@ -432,11 +432,11 @@ def _stretches(region: PlaceArray) -> tuple[IntArray, PlaceArray]:
     return np.flatnonzero(new), number
 
 
-def _regions(program: PartProgram, halts: BoolArray) -> PlaceArray:
+def _regions(program: PartProgram, halts: BoolArray, *, exact: bool) -> PlaceArray:
     """Return the number of the stretch of every motion in which a crossing may lie; −1 where none may.
 
     A stretch ends where the axes stop, as behind a motion that `halts`, where modes change, and at commands of the
-    machine.
+    machine; on an `exact` path not where S says again what is in force.
     """
     motions, words = program.motions, program.commands
     count = motions.kind.size
@@ -451,7 +451,7 @@ def _regions(program: PartProgram, halts: BoolArray) -> PlaceArray:
     stop[1:count] |= chain_heads(motions.chain)[1:]
     m_words = (words.letter == ord("M")) & np.isin(words.value, tuple(INTERRUPTING))
     dwells = words.g_words(4.0, 9.0)
-    for rows in (m_words, dwells, words.letter == ord("S"), words.letter == ord("T")):
+    for rows in (m_words, dwells, waits_for_speed(program, exact=exact), words.letter == ord("T")):
         stop[np.searchsorted(motions.block, words.block[rows], side="left")] = True
     # S and T of a line are executed before its motion.
     for rows in (m_words, dwells):

@@ -25,6 +25,7 @@ from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import EditOptions
 from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.preconditions import reckoned_feeds
+from ph_post.simulate.controllers.run import PlannedRun
 from ph_post.types import Machine
 
 GAP = 0.06
@@ -181,6 +182,26 @@ def test_outlines_of_facets_are_compensated_whole_and_burnt_little(feed: float) 
         for one, other, before, after in corners(text, found.text.decode()):
             assert after <= DULL * before
             assert after - before <= ADDED * stopped(one, other)
+
+
+@pytest.mark.parametrize("feed", [300.0, 2400.0])
+def test_s_that_is_said_again_in_each_line_stops_nothing(feed: float) -> None:
+    """Grbl waits where S changes alone; programs that say it in each line are burnt, and last, as those that do not."""
+    text = facets(4, feed)
+    again = re.sub(r"^(G1 X.*)(?<!S800)$", r"\1 S800", text, flags=re.MULTILINE)
+    assert again.count("S800") > 2 * text.count("S800")
+    times = [PlannedRun(read_as("grbl", program.encode(), "a"), machine()).time for program in (text, again)]
+    assert times[0] == times[1]
+    one, other = (
+        compensate(program.encode(), replace(machine(), tool="laser"), dialect="grbl", max_slowdown=0.5)
+        for program in (text, again)
+    )
+    assert not any("would burn a dot" in said for said in other.edits.warnings)
+    assert len(other.edits.crossings) == len(one.edits.crossings) > 9
+    bare = [re.sub(r"^\(.*\n| ?S800", "", made.text.decode(), flags=re.MULTILINE) for made in (one, other)]
+    assert bare[0] == bare[1]
+    for before, after in zip(corners(text, one.text.decode()), corners(again, other.text.decode()), strict=True):
+        assert after[3] == pytest.approx(before[3])
 
 
 @pytest.mark.parametrize("feed", [30.0, 300.0, 2400.0])

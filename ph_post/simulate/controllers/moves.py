@@ -311,13 +311,28 @@ def _number(path: str | None, letter: str) -> float:
     return 0.0
 
 
-def stops_before(program: PartProgram) -> tuple[Array, Array]:
+def waits_for_speed(program: PartProgram, *, exact: bool) -> BoolArray:
+    """Return a mask of the commands of a program (k,) at which the axes wait for the speed of the spindle.
+
+    On an `exact` path they do where an S changes it (Grbl's `gcode.c`, "Set spindle speed"): each line of a laser's
+    program may say it again.
+    """
+    words = program.commands
+    found = np.asarray(words.letter == ord("S"))
+    if exact:
+        rows = np.flatnonzero(found & (words.block > 0))
+        speeds = np.array([np.nan if one.speed is None else one.speed for one in program.modal])
+        found[rows] = speeds[program.state[words.block[rows] - 1]] != words.value[rows]
+    return found
+
+
+def stops_before(program: PartProgram, *, exact: bool = False) -> tuple[Array, Array]:
     """Return how long the axes rest before each motion [s], and 1 where the planner runs dry before it, 0 elsewhere."""
     words, block = program.commands, program.motions.block
     pause, drains = unwritten(block.size), unwritten(block.size)
     letter, value = words.letter, words.value
     m_words = letter == ord("M")
-    before = (letter == ord("S")) | (m_words & np.isin(value, STOPS_BEFORE))
+    before = waits_for_speed(program, exact=exact) | (m_words & np.isin(value, STOPS_BEFORE))
     for rows, side in ((before, "left"), (m_words & np.isin(value, STOPS_AFTER), "right")):
         _drain(drains, np.searchsorted(block, words.block[rows], side=side))  # type: ignore[call-overload]
     _drain(drains, np.array([one.motion for one in program.breaks], dtype=np.int64))

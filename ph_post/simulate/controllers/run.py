@@ -203,7 +203,7 @@ def _blocks(
     Of a program that takes longer than `longest` [s] they have what its time needs, however long that is.
     """
     parts: list[StraightBlocks] = []
-    stops = stops_before(program)
+    stops = stops_before(program, exact=True)
     begin, least, counted, last = np.zeros(3), float(planner.dwell(stops[0][stops[0] > 0.0]).sum()), 0, None
     program.source.let_go()
     for first in range(0, max(program.motions.kind.size, 1), PART):
