@@ -38,11 +38,14 @@ MOTION_LETTERS: Final = "XYZABCUVWIJKR"
 
 
 def line_end(program: PartProgram) -> str:
-    """Line end of a program: that of its first line that has one, LF where none has."""
-    for mark in ("\r\n", "\n", "\r"):
-        if program.text(0).endswith(mark.encode()):
-            return mark
-    return "\n"
+    """Line end of a program: that of the first line that ends in LF, CR where none does, LF where no line has an end.
+
+    A CR alone among them, as of a line that ends in CR CR LF, ends no comment for whoever reads up to the next LF.
+    """
+    first = program.data.find(b"\n")
+    if first >= 0:
+        return "\r\n" if program.data[first - 1 : first] == b"\r" else "\n"
+    return "\r" if b"\r" in program.data else "\n"
 
 
 def longest_line(program: PartProgram, dialect: Dialect) -> int:

@@ -564,6 +564,19 @@ def test_where_nothing_can_be_better_nothing_is_written():
     assert found.outcome == "unchanged"
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("head", ["G21 G90", "G21 G90\r", "G21\r\rG90"])
+def test_what_is_written_ends_its_lines_as_the_program_does(end, head):
+    """A head whose lines end in CR CR LF: behind a comment that ends in CR alone a host would drop what is added."""
+    text = end.join([head, "G0 X0 Y0", "G1 X9 F600", "X3", "Y8", "X7", "Y2", "M2", ""])
+    made = delivered(text).after.data.decode()
+    assert "crossing" in made or "X-" in made
+    added = made.split("(ph-post: +", 1)[1]
+    assert ("\r" in added.replace("\r\n", "")) == (end == "\r")
+    assert ("\n" in added) == (end != "\r")
+    assert original_of(read_program(made.encode(), "a")).data == text.encode()
+
+
 def pen_strokes(count, seconds):
     """Strokes of a pen as an Inkscape extension writes them: it is let down and lifted, and waits each time."""
     lines = ["G21", "G90", "G92 X0 Y0 Z0"]
