@@ -50,8 +50,10 @@ SIGNATURES: Final = (
 
 
 _RESTING: Final = re.compile(r"m0*(\d{1,4})", re.IGNORECASE)
-_MACRO: Final = re.compile(r"(?![a-z]\d)[a-z_]\w+", re.IGNORECASE | re.ASCII)
 """Variant of any dialect: an M word that moves nothing."""
+
+_MACRO: Final = re.compile(r"(?![a-z]\d)[a-z_]\w+", re.IGNORECASE | re.ASCII)
+"""Variant of a dialect with macros: the name of one that moves nothing, and no command's."""
 
 
 def dialect_names() -> tuple[str, ...]:
@@ -100,7 +102,7 @@ def find_dialect(name: str, where: str = "dialect") -> Dialect:
     for word in words:
         if word in dialect.variants:
             dialect = dialect.variants[word](dialect)
-        elif dialect.language.macros and _MACRO.fullmatch(word) and not _RESTING.fullmatch(word):
+        elif dialect.language.macros and _MACRO.fullmatch(word):
             macros |= {word}
         elif not _RESTING.fullmatch(word):
             known = " or ".join([*dialect.variants, "an M word that moves nothing, as m103"])

@@ -326,6 +326,7 @@ def _is_prose(data: Any, first: int, end: int) -> Any:
         c = data[i]
         letters = letters + 1 if _is_letter(c) else 0
         longest = max(longest, letters)
+        # Digits, control characters, and # $ % * , < = @ [ ^ _
         if _is_numeric(c) or (c < 32 and c != 9) or c in (35, 36, 37, 42, 44, 60, 61, 64, 91, 94, 95):
             return False
     return longest > 2
