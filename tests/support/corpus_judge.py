@@ -176,11 +176,13 @@ def compare(found: Judged, dialect: str, before: bytes, after: bytes) -> Judged:
     one, other = (played_places(dialect, data, turned=turned) for data in (before, after))
     if one is None or other is None:
         return found
-    path = one[0][one[1] | np.append(one[1][1:], False)]
+    of_path = np.flatnonzero(one[1] | np.append(one[1][1:], False))
+    # A piece is cut if the move to its end cuts: the others are ways through the air between two stretches.
+    polyline = Polyline(one[0][of_path], one[1][of_path[1:]] & (np.diff(of_path) == 1))
     one, other = in_the_work(one, one), in_the_work(other, one)
     if not (one[1].any() and other[1].any()):
         return found
-    return _compared(found, one, other, path, axes_of(dialect, after))
+    return _compared(found, one, other, polyline, axes_of(dialect, after))
 
 
 def axes_of(dialect: str, after: bytes) -> str:
@@ -359,10 +361,9 @@ def _chords(move: Move) -> int:
 Places = tuple[np.ndarray, np.ndarray]
 
 
-def _compared(found: Judged, one: Places, other: Places, path: np.ndarray, axes: str) -> Judged:
+def _compared(found: Judged, one: Places, other: Places, polyline: Polyline, axes: str) -> Judged:
     (motor, cuts), (after, cuts_after) = one, other
     tree = cKDTree(motor[cuts])
-    polyline = Polyline(path)
     cuts_after &= ~((polyline.distances(after) > TAKEN_UP) & (distances(after, motor) < TAKEN_UP))
     labels = _stretches(motor, cuts)
     worst: list[tuple[np.ndarray, ...]] = []

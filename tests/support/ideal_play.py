@@ -65,15 +65,17 @@ class Polyline:
     """The polyline through points, from which distances are asked for.
 
     The nearest point may be one of another pass, or of a short cut beside a long one whose points are far apart. So of
-    all pieces those are looked at whose middle is no farther away than what was found and half of their length. Pieces
-    that are much longer than most are no path but a way through the air: they count where they begin at the nearest
-    point.
+    all pieces those are looked at whose middle is no farther away than what was found and half of their length. Which
+    are path and not a way through the air is told by `joined`, one of each piece. Where it is not told, pieces that are
+    much longer than most are air: they count where they begin at the nearest point.
     """
 
-    def __init__(self, path: np.ndarray) -> None:
-        self._path, self._points = path, cKDTree(path)
+    def __init__(self, path: np.ndarray, joined: np.ndarray | None = None) -> None:
+        self._path, self._points, self._joined = path, cKDTree(path), joined
         lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
-        pieces = np.flatnonzero(lengths <= min(lengths.max(), AIR * float(np.quantile(lengths, MOST))))
+        if joined is None:
+            joined = lengths <= min(lengths.max(), AIR * float(np.quantile(lengths, MOST)))
+        pieces = np.flatnonzero(joined)
         # Of passes over the same way one is enough.
         ways = np.round(np.stack([path[:-1], path[1:]], axis=1)[pieces] / ON).reshape(-1, 2 * path.shape[1])
         pieces = pieces[np.unique(ways, axis=0, return_index=True)[1]]
@@ -84,8 +86,9 @@ class Polyline:
 
     def distances(self, places: np.ndarray) -> np.ndarray:
         """Return the distances [mm] of places."""
-        path, nearest = self._path, self._points.query(places)[1]
-        found = np.minimum(_from_piece(places, path, nearest - 1), _from_piece(places, path, nearest))
+        path, (found, nearest) = self._path, self._points.query(places)
+        if self._joined is None:
+            found = np.minimum(_from_piece(places, path, nearest - 1), _from_piece(places, path, nearest))
         for pieces, tree, half in self._alike:
             _come_nearer(found, places, path, pieces, tree, half)
         return found

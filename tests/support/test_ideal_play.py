@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from .ideal_play import distances, dragged
+from .ideal_play import Polyline, distances, dragged
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -40,3 +40,14 @@ def test_distances_are_those_from_the_nearest_piece() -> None:
     beside = ways[from_all.argmin(axis=1)]
     assert np.allclose(distances(places, path)[~beside], from_all.min(axis=1)[~beside], atol=1e-9)
     assert beside.mean() < 0.5
+
+
+def test_a_long_cut_among_short_ones_is_path_where_it_is_told() -> None:
+    """A print of short moves with a long one: by their lengths alone that is a way through the air."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 400)
+    ring = np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn])
+    path = np.concatenate([ring, [[1.0, 30.0, 0.0], [9.0, 30.0, 0.0]]])
+    joined = np.append(np.ones(400, dtype=bool), False)
+    places = np.array([[1.0, 15.0, 0.0], [5.0, 29.0, 0.0]])
+    assert Polyline(path, joined).distances(places) == pytest.approx([0.0, 4.0], abs=1e-9)
+    assert Polyline(path).distances(places)[0] > 10.0
