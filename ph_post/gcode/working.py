@@ -131,9 +131,10 @@ def working_motions(program: PartProgram, stated: Tool | None) -> WorkingMotions
         on = stays = cuts
     elif tool == "extruder":
         on = cuts & np.isin(motions.block, _lines_with(program, _EXTRUDES))
-        # Behind what pulls filament back nothing is laid where the nozzle rests.
-        pulled = np.searchsorted(_lines_with(program, _PULLS_BACK), motions.block)
-        stays = on & np.append(on[1:] & (pulled[1:] == pulled[:-1]), False)[: on.size]
+        # Behind what pulls filament back nothing is laid where the nozzle rests, nor before a wipe, which lays nothing.
+        pulls = _lines_with(program, _PULLS_BACK)
+        before, through = (np.searchsorted(pulls, motions.block, side=side) for side in ("left", "right"))
+        stays = on & np.append(on[1:] & (through[1:] == before[:-1]), False)[: on.size]
     else:
         modes = program.modal
         lit = np.array([one.spindle in ("M3", "M4") and one.speed != 0.0 for one in modes], dtype=np.bool_)

@@ -427,6 +427,16 @@ def test_a_print_whose_last_bead_goes_on_into_a_way_out_that_pulls_back_is_compe
     assert found.shown >= 4
 
 
+def test_before_a_wipe_behind_a_word_that_nobody_knows_the_nozzle_may_rest() -> None:
+    """All that is carried is taken back at the end of the bead, as behind the word no place is known."""
+    bead = printed(RING, relative=True).splitlines(keepends=True)[:-2]
+    text = "".join([*bead, "M625\nG1 X-10 E-1\nG28 X0 Y0\nM84\n"])
+    found = judge(Entry("print", Path("print.gcode"), "marlin", text))
+    assert found.outcome == "compensated"
+    assert found.compensated == found.reversals >= 4
+    assert found.followed == found.shown
+
+
 @pytest.mark.parametrize("left", [frozenset(), frozenset(range(50))], ids=["none", "all"])
 def test_where_there_is_no_time_at_all_nothing_of_a_print_is_compensated(left: frozenset[int]) -> None:
     """Nor where every section was left before."""
