@@ -21,6 +21,8 @@ _WHY: Final = {
     "extruder": "the nozzle would rest between two beads",
 }
 
+_PEN: Final = '; tool = "pen" in the machine file says that it is a pen, which burns nothing'
+
 
 class BeamGuard:
     """Says where the tool of a program works, and which moves of an axis alone would mark the part.
@@ -33,6 +35,7 @@ class BeamGuard:
         self._program = program
         self.works = working_motions(program, machine.tool)
         self.tool = self.works.tool
+        self._stated = machine.tool is not None
         self.is_beam, self.tends = self.tool in ("laser", "plasma"), self.tool != "cutter"
 
     def marks(self, row: Array, before: int, *, behind_rapid: bool) -> bool:
@@ -91,7 +94,8 @@ class BeamGuard:
             return []
         block = self._program.motions.block
         where = places_words(self._program, [(int(block[begin]), int(block[end - 1])) for begin, end in left])
-        return [f"not compensated in {where}: {_WHY[self.tool]}"]
+        hint = _PEN if self.tool == "laser" and not self._stated else ""
+        return [f"not compensated in {where}: {_WHY[self.tool]}{hint}"]
 
 
 def run_beside(runs: Sequence[tuple[int, int]], motion: int) -> int:

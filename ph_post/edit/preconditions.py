@@ -330,7 +330,9 @@ def require_tool(program: PartProgram, machine: Machine) -> None:
         raise InputError(
             f"{program.name}:{program.line_number(found[1])}",
             "the line extrudes (E)" if nozzle else "the program is a laser's or a torch's: S or M3 switches the beam",
-            expected='a machine file with tool = "extruder"' if nozzle else 'one with tool = "laser" or "plasma"',
+            expected='a machine file with tool = "extruder"'
+            if nozzle
+            else 'one with tool = "laser", "plasma" or "pen"',
             got=f'"{machine.tool}"',
         )
 

@@ -124,6 +124,8 @@ def working_motions(program: PartProgram, stated: Tool | None) -> WorkingMotions
     """
     motions = program.motions
     tool: Tool = stated or (tool_in_words(program) or ("cutter", 0))[0]
+    # A pen may rest and go slowly as a cutter may, whatever M3 and S say to its servo.
+    tool = "cutter" if tool == "pen" else tool
     cuts = motions.kind != RAPID
     nowhere = unwritten(cuts.size, np.bool_)
     burns = follows = nowhere

@@ -23,7 +23,7 @@ Flank = Literal["+", "-", "unknown"]
 Pickup = Literal["standstill", "momentum", "contact"]
 ReferenceDirection = Literal["+", "-", "both"]
 GravitySide = Literal["+", "-"]
-Tool = Literal["cutter", "laser", "plasma", "extruder"]
+Tool = Literal["cutter", "laser", "plasma", "extruder", "pen"]
 USUAL_REFERENCE: Final[Mapping[str, ReferenceDirection]] = MappingProxyType({"X": "both", "Y": "both", "Z": "-"})
 """From which side the zero of an axis is taken where its file does not say it: tools are touched off downwards."""
 

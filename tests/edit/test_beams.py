@@ -190,7 +190,10 @@ def test_one_cut_is_left_and_the_others_are_not() -> None:
     text = laser(BLUNT + "G1 S0\nG0 X60 Y10\n" + SQUARE.replace("X50", "X90").replace("X10", "X60"), "M3")
     found = compensated(text, stepper())
     changed = found.text.decode()
-    assert [one for one in found.edits.warnings if "would burn a dot in a sharp corner" in one]
+    (said,) = [one for one in found.edits.warnings if "would burn a dot in a sharp corner" in one]
+    assert said.endswith('; tool = "pen" in the machine file says that it is a pen, which burns nothing')
+    (said,) = [one for one in compensated(text, stepper("laser")).edits.warnings if "would burn a dot" in one]
+    assert "a pen" not in said
     assert BLUNT in changed
     assert "crossing X-" in changed
     assert error(text, changed)[1] < 0.8 * error(text, text)[1]
@@ -661,14 +664,17 @@ def test_a_beam_for_which_nothing_waits_each_time_is_a_laser(lines: tuple[str, s
     assert tool_in_words(read_program(text.encode(), "a.ngc"))[0] == "laser"
 
 
+@pytest.mark.parametrize(("wait", "tool"), [("G4 P0.2\n", None), ("", "pen")], ids=["by its waits", "by the file"])
 @pytest.mark.parametrize("levels", [("M3 S90", "M5"), ("M3 S72", "M3 S45")])
-def test_a_pen_that_a_servo_lets_down_crosses_in_sharp_corners(levels: tuple[str, str]) -> None:
+def test_a_pen_that_a_servo_lets_down_crosses_in_sharp_corners(
+    levels: tuple[str, str], wait: str, tool: str | None
+) -> None:
     """A laser would burn dots there: its crossings come before and behind the corners, and leave 2 µm rms."""
-    down, up = (f"{one}\nG4 P0.2\n" for one in levels)
+    down, up = (f"{one}\n{wait}" for one in levels)
     shape = "G1 X11 Y10.4 F3000\nX10.1 Y10.8\nX11.2 Y11.4\nX10.2 Y11.6\nX10 Y10\n"
     text = f"G21 G90\n{up}G0 X10 Y10\n{down}{shape}{up}G0 X40 Y10\n{down}{shape}{up}G0 X0 Y0\nM2\n"
     path, left = interpret(text, BEGINS[0]), []
-    for one in (text, made(text, stepper())):
+    for one in (text, made(text, stepper(tool))):
         orders = [levels.index(line) if line in levels else None for line in one.split("\n")]
         drawing = [order == 0 for order in itertools.accumulate(orders, lambda old, new: old if new is None else new)]
         moves = interpret(one, BEGINS[0])
