@@ -311,7 +311,7 @@ def require_tool(program: PartProgram, machine: Machine) -> None:
     InputError
     """
     words = program.commands
-    pushed = words.block[words.letter == ord("E")]
+    pushed = words.block[(words.letter == ord("E")) & (words.value != 0.0)]
     if pushed.size and program.language.read is None and program.language.hide is None:
         others, every = words.block[words.letter == ord("M")], program.words
         moves = every.block[every.g_words(0.0, 1.0, 2.0, 3.0)]

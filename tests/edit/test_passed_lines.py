@@ -27,6 +27,7 @@ LINUXCNC = find_dialect("linuxcnc")
 
 DEFECTS = {
     "text": "# G1 X99",
+    "no-filament": "G00 E0",
     "text-behind": "G0 X9 # there",
     "bare-letters": "G28 X Y",
     "bracket": "G0 X9 )",
