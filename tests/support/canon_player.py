@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import shutil
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -22,21 +23,45 @@ _FIRST = re.compile(r"\A\s*%[^\n]*\n")
 """A line with nothing but a percent sign, with which a program may begin."""
 
 
+_SWITCHED = re.compile(r"^(?:[^\n(;]|\([^\n)]*\))*?M[ \t]*0*([345])(?![\d.]).*\n?", re.MULTILINE | re.IGNORECASE)
+"""Lines that switch the spindle, with M3, M4 or M5 outside of text."""
+
+CUTS = 1
+"""Number, instead of a line's, of the moves in which the spindle turns, where a program switches it on and off."""
+
 _DELETED = re.compile(r"^[ \t]*/.*$", re.MULTILINE)
 """Lines that are left out where the switch of the machine is on, as it is here."""
 
 
 @lru_cache(maxsize=8)
 def canon_moves(text: str, begin: tuple[float, float, float], tools: str) -> list[Move] | None:
-    """Moves of the motors from a place [mm] where the machine happens to stand; None where LinuxCNC refuses."""
+    """Moves of the motors from a place [mm] where the machine happens to stand; None where LinuxCNC refuses.
+
+    Their lines are not known: `CUTS` and 0 stand for them where the spindle turns and where it stands, 0 if it is not
+    both switched on and off.
+    """
     if shutil.which("rs274") is None:
         return None
-    text = _DELETED.sub("", text)
+    text = _SWITCHED.sub(_marked, _DELETED.sub("", text))
     head = _FIRST.match(text)
     at = head.end() if head else 0
     goes = f"G21 G90 G0 X{begin[0]} Y{begin[1]} Z{begin[2]}\n"
     found = interpret_in_full((text[:at] + goes + text[at:]).encode(), tools)
     return None if found.refusal or not found.full else _moves(found.full)[1:]
+
+
+def _marked(line: re.Match[str]) -> str:
+    """Say before a line what it does to the spindle: its motion comes behind that."""
+    return f"(spindle {'on' if line[1] in '34' else 'off'})\n{line[0]}"
+
+
+def _with_spindle(calls: list[list]) -> Iterator[tuple[list, int]]:
+    """Yield calls with `CUTS` where the spindle turns, else 0; nobody knows of those before the first order."""
+    switched = len({name for name, *_ in calls if name.startswith("spindle ")}) > 1
+    turns = switched
+    for call in calls:
+        turns = call[0] == "spindle on" if switched and call[0].startswith("spindle ") else turns
+        yield call, CUTS if turns else 0
 
 
 def _moves(calls: list[list]) -> list[Move]:
@@ -50,7 +75,7 @@ def _moves(calls: list[list]) -> list[Move]:
         cos, sin = math.cos(turned), math.sin(turned)
         return MM * (np.array([cos * x - sin * y, sin * x + cos * y, z]) + work + tool)
 
-    for name, *numbers in calls:
+    for (name, *numbers), line in _with_spindle(calls):
         if name == "set_plane":
             plane = PLANES[numbers[0]]
         elif name == "set_xy_rotation":
@@ -65,9 +90,9 @@ def _moves(calls: list[list]) -> list[Move]:
             feed = MM * numbers[0]
         elif name in ("straight_traverse", "straight_feed", "straight_probe", "rigid_tap"):
             end = place(np.array(numbers[:3]))
-            moves.append(Move(int(name not in ("straight_traverse", "straight_probe")), at, end, 0, feed))
+            moves.append(Move(int(name not in ("straight_traverse", "straight_probe")), at, end, line, feed))
             if name == "rigid_tap":
-                moves.append(Move(1, end, at, 0, feed))
+                moves.append(Move(1, end, at, line, feed))
                 continue
             at = end
         elif name == "arc_feed":
@@ -82,6 +107,6 @@ def _moves(calls: list[list]) -> list[Move]:
             sweep = 2.0 * math.pi if sweep < 1e-9 or sweep > 2.0 * math.pi - 1e-9 else sweep
             sweep += 2.0 * math.pi * (abs(turns) - 1)
             center = (middle[a], middle[b])
-            moves.append(Move(2 if turns < 0 else 3, at, end, 0, feed, plane, center, way * sweep, spiral=True))
+            moves.append(Move(2 if turns < 0 else 3, at, end, line, feed, plane, center, way * sweep, spiral=True))
             at = end
     return moves

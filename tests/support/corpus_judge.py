@@ -20,7 +20,7 @@ from ph_post.errors import PhPostError
 from ph_post.files.storage import SourceBytes
 from ph_post.progress import no_progress
 from support.canon import RS274
-from support.canon_player import canon_moves
+from support.canon_player import CUTS, canon_moves
 from support.corpus import TOOLS, Entry, stepper
 from support.ideal_play import Polyline, distances
 from support.interpreted import installed_version
@@ -216,7 +216,8 @@ def played_places(dialect: str, data: bytes, *, turned: bool | None = None) -> t
         elif dialect == "fanuc" and (is_lathe(text) if turned is None else turned):
             told = [lathe_moves(text.upper(), begin) for begin, _ in begins]
         if all(moves is not None for moves in told):
-            return _sampled(told)
+            switched = dialect == "linuxcnc" and any(move.line == CUTS for move in told[0])
+            return _sampled(told, {CUTS} if switched else None)
         read = _read(_UNMOVED.sub("", text.upper()) if dialect in PRINTERS else text)
         if dialect in GRBL:
             read, _ = _taken(read)

@@ -34,7 +34,9 @@ class Canon:
         pass
 
     def comment(self, text):
-        pass
+        # The module says nothing of the spindle: `canon_player.py` has marked where it is switched.
+        if text in ("spindle on", "spindle off"):
+            self.calls.append([text])
 
     def set_traverse_rate(self, rate):
         pass

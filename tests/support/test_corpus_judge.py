@@ -1,6 +1,7 @@
 """The judge of the corpus, on programs whose places are plain to see."""
 
 import numpy as np
+import pytest
 
 from .corpus_judge import Judged, compare, played_places
 
@@ -45,6 +46,18 @@ def test_what_is_compensated_may_not_be_refused_where_the_original_is_not():
     broken = plain.replace(b"G3 X10 ", b"G3 X10.1 ")
     assert compare(Judged("compensated"), "grbl", plain, broken).outcome == "refused"
     assert compare(Judged("compensated"), "grbl", plain, plain).outcome == "compensated"
+
+
+@pytest.mark.parametrize("dialect", ["grbl", "linuxcnc"])
+def test_where_the_spindle_stands_nothing_is_cut(dialect):
+    """A tool that is let down onto the part by hand, as pcb-gcode has it: the order in a line comes before its move."""
+    text = "G21 G90\nM3 (M5)\nM5\nG0 X1 Y1 Z9\nG1 Z0 F60\nG0 Z9\nM3 G1 Y2 F60\nX4 M5\nG1 Z3\nM3\nG1 Y7\nM5\nM2\n"
+    places, cuts = played_places(dialect, text.encode())
+    x, y = places[:, :2].round(9).T
+    assert not cuts[y == 1.0].any()
+    assert not cuts[(y == 2.0) & (x > 1.0)].any()
+    assert cuts[((y > 1.0) & (x == 1.0)) | (y > 2.0)].all()
+    assert {1.0, 2.0, 7.0} <= {*y.tolist()}
 
 
 def test_a_drilling_cycle_ends_above_its_hole():
