@@ -224,7 +224,7 @@ def test_a_scheduler_that_is_not_there_is_one_line(tmp_path, capsys, monkeypatch
 @pytest.mark.parametrize("bundling", [None, Bundling(90, len)], ids=["one by one", "in bundles"])
 def test_a_job_that_ends_its_worker_is_given_up_and_the_others_are_not(bundling):
     # A worker that ends while it starts is not started anew: Dask takes it for one that cannot.
-    deadly = "__import__('time').sleep(0.5) or __import__('os')._exit(1)"
+    deadly = "__import__('time').sleep(2.0) or __import__('os')._exit(1)"
     jobs = [("deadly", deadly), *((number, f"{number} + 1") for number in range(8))]
     with open_workers(1) as workers:
         found = dict(workers.run(eval, jobs, bundling=bundling))
