@@ -272,8 +272,10 @@ class CrossingSearch:
         behind = ground.beam.off_behind(motion) if off else None
         # With its power in proportion to the speed over F a beam burns no more in a move at F than along the path.
         steady = bool(ground.beam.works.follows[motion]) and sign != 0.0 and not behind_rapid and behind is None
-        # No faster than it can be on its way: from rest to rest by half of it each.
-        reached = [math.sqrt(axis.limits.acceleration * abs(way)) for way in moves.ways]
+        whole = sign != 0.0 and spots.before[n] != 0 and not behind_rapid
+        # No faster than it can be on its way: from rest to rest by half of it each, from rest and on by all of it.
+        gains = 2.0 if whole and behind is None and ground.beam.works.burns[motion] else 1.0
+        reached = [math.sqrt(gains * axis.limits.acceleration * abs(way)) for way in moves.ways]
         velocity = 0.0 if far else float(spots.feed[n])
         if not steady:
             velocity = self._jog_velocity(axis, moves.ways, velocity, min(reached))
@@ -291,7 +293,7 @@ class CrossingSearch:
                     axis.limits.velocity,
                 ),
                 pause=moves.behind if place == last else moves.between,
-                whole=sign != 0.0 and spots.before[n] != 0 and not behind_rapid,
+                whole=whole,
             )
             for place, way in enumerate(moves.ways)
         )

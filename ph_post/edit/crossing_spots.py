@@ -560,7 +560,7 @@ class SpotSearch:
     def _stops_burn_little(self, spots: Spots, which: IntArray) -> BoolArray:
         """Return whether a beam may stay on in stops (n,) in which an axis alone crosses its backlash."""
         lost, push = self._lost_and_push(spots.column[which])
-        speed = np.minimum(spots.feed[which], np.sqrt(push * lost))
+        speed = np.minimum(spots.feed[which], np.sqrt(2.0 * push * lost))
         along, way = np.zeros(which.size), _ways_across(spots, which, lost)
         return self._ground.burns_little(spots.at[which], along, way, speed)
 

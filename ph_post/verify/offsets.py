@@ -104,11 +104,13 @@ def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
     """Check that every motion while the path rests has a feed that its axes can reach within their limits.
 
     With a laser whose power follows the speed (M4) it may have the feed of the cut before or behind it: at a lower one
-    the same power would stay longer on the same place. Beside a cut at a feed that is not known it has that feed.
+    the same power would stay longer on the same place. With one at constant power (M3) the path need not rest at both
+    ends of it: it may be as fast as its axes get from rest. Beside a cut at a feed that is not known it has that feed.
     """
     motions, jogs = case.compensated.motions, np.flatnonzero(alone)
     cuts = _cuts_beside(motions, alone, jogs)
     beside = _feeds_with_a_beam(case, cuts, jogs, machine)
+    ways_to_speed = np.where(_with_a_beam(case, "M3", jogs, machine), 2.0, 1.0)
     ways = np.nan_to_num(np.abs(motions.end[jogs] - motions.start[jogs]))
     timed = motions.duration[jogs]
     longest, total = np.argmax(ways, axis=1), np.linalg.norm(ways, axis=1)
@@ -125,7 +127,9 @@ def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
             case.findings.add("limits", f"the machine has no axis {name}", compensated=block)
             continue
         limits = machine.axes[name].limits
-        most = np.minimum(limits.velocity, np.fmax(np.sqrt(limits.acceleration * length[own]), beside[own]))
+        most = np.minimum(
+            limits.velocity, np.fmax(np.sqrt(ways_to_speed * limits.acceleration * length)[own], beside[own])
+        )
         right = (feed[own] <= most * (1.0 + _ROUNDING)) | unfed[own]
         for place in np.flatnonzero(~right).tolist():
             case.findings.add(
@@ -161,12 +165,19 @@ def _unfed_beside(motions: Motions, cuts: tuple[IntArray, IntArray], jogs: IntAr
 
 def _feeds_with_a_beam(case: VerifyCase, cuts: tuple[IntArray, IntArray], jogs: IntArray, machine: Machine) -> Array:
     """Feed of the cut beside each of some motions (n,) [m/s], where a beam's power follows the speed; else 0."""
-    program, motions = case.compensated, case.compensated.motions
-    if machine.tool not in (None, "laser") or not cuts[0].size:
+    if not cuts[0].size:
         return np.zeros(jogs.size)
-    lit = np.array([one.spindle == "M4" and one.speed != 0.0 for one in program.modal], dtype=np.bool_)
-    before, after = (np.nan_to_num(motions.feeds.of(near)) for near in cuts)
-    return np.asarray(np.where(lit[program.state[motions.block[jogs]]], np.maximum(before, after), 0.0))
+    before, after = (np.nan_to_num(case.compensated.motions.feeds.of(near)) for near in cuts)
+    return np.asarray(np.where(_with_a_beam(case, "M4", jogs, machine), np.maximum(before, after), 0.0))
+
+
+def _with_a_beam(case: VerifyCase, order: str, jogs: IntArray, machine: Machine) -> BoolArray:
+    """Mask of some motions (n,) with a laser on, perhaps, by M3 or M4."""
+    program = case.compensated
+    if machine.tool not in (None, "laser"):
+        return np.zeros(jogs.size, dtype=np.bool_)
+    lit = np.array([one.spindle == order and one.speed != 0.0 for one in program.modal], dtype=np.bool_)
+    return np.asarray(lit[program.state[program.motions.block[jogs]]])
 
 
 _ANGLE = 1e-9

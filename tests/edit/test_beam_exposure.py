@@ -184,6 +184,23 @@ def test_outlines_of_facets_are_compensated_whole_and_burnt_little(feed: float) 
             assert after - before <= ADDED * stopped(one, other)
 
 
+@pytest.mark.parametrize("feed", [1000.0, 2400.0])
+def test_tips_in_which_both_axes_turn_are_crossed_and_burnt_little(feed: float) -> None:
+    """Both motors cross at once, from rest and on into the cut, as fast as they get on their way."""
+    back = ""
+    for n, (x, y) in enumerate([(0.98, 0.2), (0.2, 0.98), (0.9, 0.43), (0.99, 0.1)], 1):
+        there, ends = f"G1 X{20 * n + 7} Y17 F{feed:g}\n", f"G1 X{20 * n + 7 - 9.8 * x:.3f} Y{17 - 9.8 * y:.3f}\n"
+        back += f"G0 X{20 * n} Y10\nG1 S800\n{there}{ends}G1 S0\n"
+    text = f"G21 G90\nM3 S0\n{back}M5\nG0 X0 Y0\nM2\n"
+    found = compensate(text.encode(), replace(machine(), tool="laser"), dialect="grbl", max_slowdown=0.5)
+    assert not any("would burn a dot" in one for one in found.edits.warnings)
+    met = list(corners(text, found.text.decode()))
+    assert len(met) == 4
+    for one, other, before, after in met:
+        assert before < after <= LONGER * before
+        assert after - before <= ADDED * stopped(one, other)
+
+
 @pytest.mark.parametrize("feed", [300.0, 2400.0])
 def test_s_that_is_said_again_in_each_line_stops_nothing(feed: float) -> None:
     """Grbl waits where S changes alone; programs that say it in each line are burnt, and last, as those that do not."""
