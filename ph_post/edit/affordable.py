@@ -86,12 +86,16 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
     for coarser in (1.0, *COARSER):
         cost = every if coarser == 1.0 else search.cost(found, coarser)
         if cost <= allowed:
+            if options.shave > 0.0:
+                _shave(search, options, found, coarser, options.shave * total, need)
+                found = _search_raised(search, options, 0.0)
+                cost = search.cost(found, coarser)
             return AffordedChanges(
                 changes=found,
                 coarser=coarser,
                 slowdown=cost / total,
                 warnings=search.warnings,
-                short=coarser >= FINE or bool(options.spared),
+                short=coarser >= FINE or bool(options.spared) or options.shave > 0.0,
                 spared=options.spared,
             )
     _leave_costly(search, options, allowed, need)
@@ -127,6 +131,19 @@ def _leave_spared(search: ReversalSearch, options: EditOptions, need: float) -> 
         price[name] += options.pace * float(costs[name][n])
     for name, n in places:
         search.give_up(name, n, too_costly(price[name], need))
+
+
+def _shave(
+    search: ReversalSearch, options: EditOptions, found: dict[str, Array], coarser: float, time: float, need: float
+) -> None:
+    """Leave all axes in the parts that gain least for their time, as many as take a time [s]."""
+    gain = np.sum([search.gain(name, rows) for name, rows in found.items()], axis=0)
+    parts = _SectionParts(search, found, gain, largest_first=False, coarser=coarser)
+    for begin, end in parts.left(max(sum(parts.cost.values()) - time, 0.0)):
+        search.divided(end, end)
+        for n in search.divided(begin, end):
+            for name in found:
+                search.give_up(name, n, too_costly(options.pace * parts.cost[name], need))
 
 
 def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, need: float) -> None:
@@ -252,10 +269,20 @@ class _SectionParts:
         Of all axes in each section.
     largest_first : bool
         The order is that of the gain alone.
+    coarser : float
+        Errors of the crossings, as a multiple of the least.
     """
 
-    def __init__(self, search: ReversalSearch, found: dict[str, Array], gain: Array, *, largest_first: bool) -> None:
-        spots, times = search.crossings.costs(found, COARSER[-1])
+    def __init__(
+        self,
+        search: ReversalSearch,
+        found: dict[str, Array],
+        gain: Array,
+        *,
+        largest_first: bool,
+        coarser: float = COARSER[-1],
+    ) -> None:
+        spots, times = search.crossings.costs(found, coarser)
         motion = spots.rows[:, MOTION].astype(np.int64)
         self.cost = {name: float(times[spots.column == AXES.index(name)].sum()) for name in found}
         """Time [s] that all crossings of an axis take."""
@@ -283,7 +310,9 @@ class _SectionParts:
         on = search.crossings.ground.beam.works.on
         starts = np.flatnonzero(on[1:] & ~on[:-1]) + 1
         part = np.searchsorted(self._begin, starts, side="right") - 1
-        starts = starts[(part >= 0) & (starts < self._end[part]) & (starts > self._begin[part])]
+        # What only leads to the first work of a part is none of its own: it could not be left without that.
+        works = np.append(0, np.cumsum(on))
+        starts = starts[(part >= 0) & (starts < self._end[part]) & (works[starts] > works[self._begin[part]])]
         order = np.argsort(motion, kind="stable")
         spent = np.append(0.0, np.cumsum(times[order]))[np.searchsorted(motion[order], starts)]
         kept = np.diff(np.floor(spent * (PARTS / max(float(times.sum()), 1e-12))), prepend=0.0) > 0.0

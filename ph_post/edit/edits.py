@@ -321,6 +321,9 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         First motion, and the one behind the last, of parts of sections in which no axis gets an offset either.
     spared : frozenset of (str, int, int)
         Axes that an earlier plan had no time for, with the first motion of each such part and the one behind its last.
+    shave : float
+        Time, relative, that is taken off a plan which keeps to the time allowed: parts that gain least for theirs are
+        left, and all else stays as it is.
     cycle : float
         Time of the program as its controller runs it [s], 0 where that is not known.
     pace : float
@@ -354,6 +357,7 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     left: frozenset[int] = frozenset()
     stretches: tuple[tuple[int, int], ...] = ()
     spared: frozenset[tuple[str, int, int]] = frozenset()
+    shave: float = 0.0
     cycle: float = 0.0
     pace: float = 1.0
     longer: float = 0.0

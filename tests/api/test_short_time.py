@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from msgspec import structs
+from msgspec.structs import replace
 from support.corpus import Entry, stepper, whole
 from support.corpus_judge import Judged, compare, judge
 from support.editing import with_edits
@@ -141,6 +142,57 @@ def test_what_is_worse_for_what_was_left_is_left_too_and_the_rest_kept() -> None
     assert found.rms is not None
     assert found.rms[1] < 0.3 * found.rms[0]
     assert found.followed > 0.7 * found.shown > 500
+
+
+@pytest.mark.parametrize("shave", [0.01, 0.05])
+def test_what_gains_least_for_its_time_is_shaved_off_and_the_rest_stays(shave: float) -> None:
+    program, dialect = read_as("marlin", infill(22, 80).encode(), "a.gcode"), find_dialect("marlin")
+    options = EditOptions(max_slowdown=3.0)
+    found, less = (
+        plan_offsets(program, stepper("marlin"), dialect, one) for one in (options, replace(options, shave=shave))
+    )
+    assert 0.9 * shave <= found.slowdown - less.slowdown <= 1.2 * shave
+    places, kept = (
+        {(stop.motion, shift.axis) for stop in edits.stops for shift in stop.shifts if shift.whole}
+        for edits in (found, less)
+    )
+    assert 0.5 * len(places) < len(kept) < len(places)
+    assert len(kept - places) <= 0.02 * len(kept)
+    # Lines to and fro are left before walls, each of which stands for more of the part.
+    assert 1.0 - len(kept) / len(places) > 0.05
+    way = np.linalg.norm((program.motions.end - program.motions.start)[:, :2], axis=1)
+    own = [{motion for motion, _ in some} for some in (places, kept)]
+    assert way[sorted(own[0] - own[1])].sum() < 0.8 * way[sorted(own[0])].sum() * (1.0 - len(kept) / len(places))
+    assert any("would allow them" in said for said in less.warnings)
+
+
+def test_a_plan_that_took_hardly_too_long_is_shaved_where_the_best_in_time_leaves_far_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A coarser plan may take longer than a finer one: of a public print eleven were 0.1 to 1 % too long."""
+    shaved, plan, compare = [0.0], plan_search.EditPlanner.plan, guard.Guard.compare
+
+    def noted(self: plan_search.EditPlanner, options: EditOptions) -> Edits:
+        shaved.append(options.shave)
+        return plan(self, options)
+
+    def told(self: guard.Guard, *given: Any) -> GuardFinding | None:
+        found = compare(self, *given)
+        if found is None:
+            return None
+        first = len(shaved) == 2
+        slowdown, rms = (1.002, 1e-6) if first else (0.9, 2e-6 if shaved[-1] else 8e-6)
+        return replace(found, slowdown=slowdown, rms=rms)
+
+    monkeypatch.setattr(plan_search.EditPlanner, "plan", noted)
+    monkeypatch.setattr(guard.Guard, "compare", told)
+    source = SourceBytes(name="a.gcode", stem="a", data=infill(22, 20).encode())
+    found = compensated_source(source, stepper("marlin"), CompensateOptions(max_slowdown=1.0), "program", no_progress)
+    assert isinstance(found, ProgramCompensation)
+    assert shaved[-1] == pytest.approx(0.002 + guard.SLACK)
+    assert shaved[-2] == 0.0
+    done, every = counts(found)
+    assert 0.9 * every < done < every
 
 
 def test_behind_the_fourth_plan_that_takes_too_long_each_aims_lower() -> None:
