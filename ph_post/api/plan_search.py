@@ -184,8 +184,7 @@ class PlanSearch:
     def run(self, options: EditOptions) -> CompensatedProgram:
         """Return the best plan; the program itself where none is good."""
         for _ in range(ROUNDS + FURTHER):
-            edits = self._planner.plan(options)
-            edits = replace(edits, warnings=(*edits.warnings, *self._warnings))
+            edits = self._plan(options)
             if edits.empty:
                 again = self._in_parts(options) if edits.short else None
             elif self._kept is not None and edits.slowdown in self._planned:
@@ -209,6 +208,11 @@ class PlanSearch:
             edits = _nothing_gained(original, edits, self._enough)
         return CompensatedProgram(before=original, after=original, edits=edits, windows=self._planner.windows)
 
+    def _plan(self, options: EditOptions) -> Edits:
+        """Plan, with what is said of every plan."""
+        edits = self._planner.plan(options)
+        return replace(edits, warnings=(*edits.warnings, *self._warnings))
+
     def _shave(self) -> None:
         """Keep the plan that hardly took too long without what gains least for its time, where that is far better."""
         if self._nearly is None:
@@ -224,10 +228,10 @@ class PlanSearch:
         for _ in range(SHAVED):
             # Each second that was reckoned took more than one.
             options = replace(options, shave=options.shave + (judged.slowdown - allowed) + SLACK)
-            edits = self._planner.plan(options)
+            edits = self._plan(options)
             if edits.empty:
                 return
-            made, refused = self._written(replace(edits, warnings=(*edits.warnings, *self._warnings)))
+            made, refused = self._written(edits)
             if refused or made.verdict is None or not made.verdict.ok or made.motions is None:
                 return
             found = self._compared(made.motions[1], edits, options)

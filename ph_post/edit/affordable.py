@@ -139,11 +139,19 @@ def _shave(
     """Leave all axes in the parts that gain least for their time, as many as take a time [s]."""
     gain = np.sum([search.gain(name, rows) for name, rows in found.items()], axis=0)
     parts = _SectionParts(search, found, gain, largest_first=False, coarser=coarser)
+    why = {name: too_costly(options.pace * cost, need) for name, cost in parts.cost.items()}
     for begin, end in parts.left(max(sum(parts.cost.values()) - time, 0.0)):
-        search.divided(end, end)
-        for n in search.divided(begin, end):
-            for name in found:
-                search.give_up(name, n, too_costly(options.pace * parts.cost[name], need))
+        _give_up_between(search, begin, end, why)
+
+
+def _give_up_between(
+    search: ReversalSearch, begin: int, end: int, why: Mapping[str, str], *, for_now: bool = False
+) -> None:
+    """Leave axes from a motion on to before another, for the reason of each."""
+    search.divided(end, end)
+    for n in search.divided(begin, end):
+        for name, reason in why.items():
+            search.give_up(name, n, reason, for_now=for_now)
 
 
 def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, need: float) -> None:
@@ -221,14 +229,13 @@ def _leave_behind(
     """
     parts = _SectionParts(search, found, gain, largest_first=options.largest_first)
     turns = {name: np.sort(rows[rows[:, SIGN] != 0.0, MOTION]) for name, rows in found.items()}
+    why = {name: too_costly(options.pace * cost, need) for name, cost in parts.cost.items()}
 
     def leave(budget: float, *, resting: bool) -> None:
         search.take_again(search.for_now)
         for begin, end in parts.left(budget):
-            search.divided(end, end)
-            for n in search.divided(begin, end):
-                for name in found if resting else _turning(turns, begin, end):
-                    search.give_up(name, n, too_costly(options.pace * parts.cost[name], need), for_now=True)
+            names = found if resting else _turning(turns, begin, end)
+            _give_up_between(search, begin, end, {name: why[name] for name in names}, for_now=True)
 
     # Where many cuts are left, the axes that keep their offset take it back so often that there is no time for that.
     for resting in (False, True):

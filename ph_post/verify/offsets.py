@@ -14,7 +14,7 @@ from ph_post.bounds import in_parts
 from ph_post.compiling import compiled, read_only
 from ph_post.dialects.planners import planner_of
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, PlaceArray, plane_columns, rows_where
-from ph_post.gcode.working import travels
+from ph_post.gcode.working import travels, working_motions
 from ph_post.types import Array, BoolArray, ExactPath, IntArray, Machine, unwritten
 from ph_post.units import MM, MM_PER_MIN
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
@@ -110,7 +110,9 @@ def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
     motions, jogs = case.compensated.motions, np.flatnonzero(alone)
     cuts = _cuts_beside(motions, alone, jogs)
     beside = _feeds_with_a_beam(case, cuts, jogs, machine)
-    ways_to_speed = np.where(_with_a_beam(case, "M3", jogs, machine), 2.0, 1.0)
+    # A mill is under M3, too: its tool rests at both ends of a jog.
+    burns = working_motions(case.original, machine.tool).tool == "laser"
+    ways_to_speed = np.where(burns & _with_a_beam(case, "M3", jogs, machine), 2.0, 1.0)
     ways = np.nan_to_num(np.abs(motions.end[jogs] - motions.start[jogs]))
     timed = motions.duration[jogs]
     longest, total = np.argmax(ways, axis=1), np.linalg.norm(ways, axis=1)
