@@ -621,6 +621,25 @@ def _switched_task(words: Any, low: int, high: int, modes: Any) -> Any:  # noqa:
     return FORGET_NAMED if moves or home or modes[MOTION] in (0.0, 10.0, 20.0, 30.0) else FORGET
 
 
+@lean
+def _standing(present: int, values: Any, modes: Any, turned: Any) -> Any:
+    """Return the letters, a bit each, of rotary axes that a block names and that are there already (`turned`, ABC)."""
+    found = np.int64(0)
+    for axis in range(3):
+        named = (present >> axis) & 1 and modes[ABSOLUTE] == 1.0
+        if named and values[axis] == turned[axis]:
+            found |= 1 << axis
+    return found
+
+
+@lean
+def _turn(present: int, values: Any, modes: Any, turned: Any) -> None:
+    """Note where the rotary axes (ABC) are that a block names; NaN where it turns them by a step."""
+    for axis in range(3):
+        if (present >> axis) & 1:
+            turned[axis] = values[axis] if modes[ABSOLUTE] == 1.0 else np.nan
+
+
 @compiled
 def choose_tasks(  # noqa: C901, PLR0912
     words: Any, table: Any, columns: Any, traits: Any, end: int, further: int, contours: bool, threads: bool, tasks: Any
@@ -632,11 +651,13 @@ def choose_tasks(  # noqa: C901, PLR0912
     understood and the words with faults are added to them, `tasks` (n,) is filled. `further` are the letters of axes
     of their own beside X, Y and Z, a bit each; with `contours` what is cut with cutter compensation moves as the
     program says, with `threads` what is tied to the spindle. A lack of feed is said at the first cut that has none.
+    Words of rotary axes that stand there already count as not there.
     """
     blocks, letter, value, effects = words
     states, feeds, motions, zeros, flags, marks, whys, spots = columns
     values, where = np.zeros(26), np.zeros(26, np.int64)
     low, lack = 0, 0
+    turned = np.full(3, np.nan)
     for block in range(end):
         high = low
         while high < blocks.size and blocks[high] == block:
@@ -645,10 +666,13 @@ def choose_tasks(  # noqa: C901, PLR0912
         stays = whys[block] in (STAYING_G, STAYING_M, USER_M)
         if whys[block] == DELETED and traits[block] == lexer.DELETE and not flags[block] & FRAMED:
             tasks[block] = _switched_task((letter, value, effects), first, high, table[states[block]])
+            turned[:] = np.nan
         elif 0 < whys[block] < QUIET and not stays:
-            tasks[block] = FORGET
+            tasks[block], turned[:] = FORGET, np.nan
         elif high > first or traits[block]:
             present = _spread(letter, value, first, high, values, where)
+            if zeros[block] < 0:
+                present &= ~_standing(present, values, table[states[block]], turned)
             more = LENIENT_LINE if stays else 0
             parts = (zeros[block], motions[block], np.int64(flags[block]) | more, feeds[block], further)
             modes = table[states[block]]
@@ -669,6 +693,10 @@ def choose_tasks(  # noqa: C901, PLR0912
             elif marks[block] & LENGTH_CHANGE:
                 first_of_all = FORGET_LENGTH if modes[PLANE] == 17.0 else FORGET_FIRST
             marks[block] |= mark
+            if fault or stays or marks[block] or zeros[block] >= 0 or why not in (0, ROTARY_PAIR):
+                turned[:] = np.nan
+            else:
+                _turn(present, values, modes, turned)
             if fault:
                 tasks[block], whys[block], spots[block] = FORGET, FAULT + fault, -2 - word
             else:

@@ -182,6 +182,25 @@ def test_two_rotary_axes_in_one_cut_are_passed_through_and_named():
     assert ends(program, "start")[-1] == [2, 0, 0]
 
 
+@pytest.mark.parametrize(
+    ("begin", "cut"),
+    [("G0 X1 A5 B5", "G1 X2 A5 B5"), ("G0 X1 A5 B5", "G1 X2 A7 B5"), ("G0 X1 A5\nB5", "G2 X2 I0.5 A5 B5 C1")],
+)
+def test_rotary_axes_that_stand_where_a_cut_has_them_do_not_turn(begin, cut):
+    program = read(f"{begin}\n{cut}\nG1 X7\n")
+    assert program.notes == ()
+    assert ends(program)[-2:] == [[2, 0, 0], [7, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    "between",
+    ["G92 B0", "G28 B0", "G91 G0 B1\nG90", "T1 M6", "G54", "M150", "G10 L2 P1 B1", "/G0 B7", "G0 B#5", "G53 G0 B5"],
+)
+def test_where_a_rotary_axis_stands_is_not_guessed(between):
+    program = read(f"G0 X1 A5 B5\n{between}\nG1 X2 A6 B5\n")
+    assert program.notes[-1].what.startswith("cut in which several rotary axes turn")
+
+
 @pytest.mark.parametrize(("begin", "end"), [("G43.4 H1", "G49"), ("G12.1", "G13.1")])
 def test_where_a_rotary_axis_may_move_the_others_nothing_is_understood(begin, end):
     program = read(f"G1 X1\n{begin}\nG1 X2 C5\nG1 C9\nG1 X3\n{end}\nG0 X5\nG1 X6 C1\n")
