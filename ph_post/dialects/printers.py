@@ -34,6 +34,10 @@ _PLAIN_COMMENT: Final = re.compile(rb"^[ \t]*\([^()]*\)[ \t]*$|\([^()A-Z]*\)[ \t
 """Text in parentheses that Marlin skips, built with PAREN_COMMENTS or without (parser.cpp): no command begins with one,
 and no parameter of a command is a small letter."""
 
+_TEXT_BEHIND: Final = re.compile(rb"\([^()Ff]*\)[ \t]*$")
+"""Text in parentheses behind a command. Where Marlin takes its letters for parameters the axes may go anywhere, but no
+mode changes: a command begins the line, and no feed is named."""
+
 _MARKER: Final = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?M0*808(?!\d)", re.MULTILINE)
 """Markers of loops, M808 L5 to M808 (Marlin, "M808 - Repeat Marker")."""
 
@@ -393,11 +397,14 @@ def _doubted(code: bytes) -> bytes:
 
     Its words stay where they are, but for those before the first blank, in whose place stands the mark: no feed.
     """
+    sets = _SETS.search(code.upper()) is not None
     words = _EXTRUDED.sub(lambda one: b" " * len(one[0]), code)
+    if sets:
+        words = _TEXT_BEHIND.sub(lambda one: b" " * len(one[0]), words)
     first, blank, rest = _BLANK.split(words, maxsplit=1) if _BLANK.search(words) else (words, b"", b"")
-    if blank and b"F" not in first.upper() and b"(" not in code:
+    if blank and b"F" not in first.upper() and b"(" not in words:
         return bytes([DOUBTED]) + first + rest
-    return _marked(code, b"$ " if _SETS.search(code.upper()) else b"$@")
+    return _marked(code, b"$ " if sets else b"$@")
 
 
 def _marked(code: bytes, mark: bytes) -> bytes:

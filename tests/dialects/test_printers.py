@@ -282,6 +282,22 @@ def test_many_whole_numbers_on_a_line_take_no_longer_than_others(digits: int) ->
     assert time.process_time() - begun < 5.0
 
 
+@pytest.mark.parametrize("line", ["G92 Z-5 (set Z to -5)", "G1 E4 F50.0 (Create Anchor)", "G0 Z0.5 (Position Height)"])
+def test_text_in_parentheses_that_may_be_parameters_leaves_the_modes(line: str) -> None:
+    """Built with PAREN_COMMENTS or without (parser.cpp), a letter in it may send an axis anywhere, and sets no mode."""
+    program = read(f"G21\nG90\nG1 X0 Y0 Z1 F600\nG1 X3\n{line}\nG1 X5 F900\nG1 X2\n")
+    assert [note.what for note in program.notes] == [f"line for the controller itself: {line}"]
+    assert program.motions.block.tolist() == [2, 3, 5, 6]
+    assert np.isnan(program.motions.start[2]).all()
+    assert program.motions.feed[2] == pytest.approx(900.0 * MM / 60.0)
+    assert program.modal_after(4).absolute
+
+
+def test_a_feed_in_parentheses_may_be_one() -> None:
+    program = read("G21\nG90\nG1 X0 Y0 F600\nG1 X3 (no faster than F300, X)\nG1 X5\nG1 X2\n")
+    assert program.motions.block.tolist() == [2]
+
+
 def test_what_says_again_what_is_in_force_changes_no_mode() -> None:
     program = read("G21\nG90 G21\nG1 X0 Y0 F600\nG1 X10\n")
     assert (program.motions.end[:, 0] / MM).tolist() == pytest.approx([0.0, 10.0])
