@@ -37,8 +37,8 @@ _DELETED = re.compile(r"^[ \t]*/.*$", re.MULTILINE)
 def canon_moves(text: str, begin: tuple[float, float, float], tools: str) -> list[Move] | None:
     """Moves of the motors from a place [mm] where the machine happens to stand; None where LinuxCNC refuses.
 
-    Their lines are not known: `CUTS` and 0 stand for them where the spindle turns and where it stands, 0 if it is not
-    both switched on and off.
+    A program that does not say where it ends is run to its end all the same. Their lines are not known: `CUTS` and 0
+    stand for them where the spindle turns and where it stands, 0 if it is not both switched on and off.
     """
     if shutil.which("rs274") is None:
         return None
@@ -46,7 +46,7 @@ def canon_moves(text: str, begin: tuple[float, float, float], tools: str) -> lis
     head = _FIRST.match(text)
     at = head.end() if head else 0
     goes = f"G21 G90 G0 X{begin[0]} Y{begin[1]} Z{begin[2]}\n"
-    found = interpret_in_full((text[:at] + goes + text[at:]).encode(), tools)
+    found = interpret_in_full(f"{text[:at]}{goes}{text[at:]}\nM2\n".encode(), tools)
     return None if found.refusal or not found.full else _moves(found.full)[1:]
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from .canon import needs_rs274
 from .corpus_judge import Judged, compare, played_places
 
 
@@ -89,3 +90,11 @@ def test_what_the_tests_cannot_read_is_not_played():
     found = compare(Judged("compensated"), "grbl", text, text)
     assert found.outcome == "compensated"
     assert found.rms is None
+
+
+@needs_rs274
+def test_a_program_of_linuxcnc_that_names_no_end_is_run_to_its_end():
+    """P of an arc is how often its axes pass the end: twice from X1 to Y1 are five quarters of a turn."""
+    places, cuts = played_places("linuxcnc", b"G21 G90 F60\nG0 X0 Y0\nG1 X1\nG3 X0 Y1 I-1 P2\n")
+    ways = np.linalg.norm(np.diff(places[cuts], axis=0), axis=1)
+    assert ways.sum() == pytest.approx(1.0 + 2.5 * np.pi, abs=0.1)
