@@ -191,13 +191,14 @@ class CrossingSearch:
     def _winds_up(self, spots: Spots, n: int) -> bool:
         """Return whether an axis whose offset stays has to come from beyond its backlash all the same.
 
-        Only a rapid can take it there: in a stretch that begins with a cut it is left as it is.
+        A rapid takes it there. Where none leads to its first place it goes there and back while the path rests.
         """
         column, row = int(spots.column[n]), spots.rows[n]
         if row[BEYOND] == 1.0:
             return True
         if not self.ground.behind_rapid(row):
-            return False
+            place, before = spots.column[n : n + 1], spots.before[n : n + 1]
+            return bool(spots.first[n] and self._costs.in_place(row[None, :], place, before)[0])
         moves = self.ground.moving[column].size > 0 and self.ground.moving[column][-1] > row[MOTION]
         return bool(spots.first[n] and moves and not self.ground.alone(int(row[MOTION]) + 1, column, row[SIGN]))
 

@@ -338,6 +338,18 @@ def test_a_table_with_play_follows_a_program_without_a_feed(dialect: str, way: s
     assert judged.followed >= judged.shown - (way == "G1")
 
 
+def test_the_height_of_a_purge_line_is_come_to_from_above() -> None:
+    """Nobody knows on which side of its backlash Z stands after homing, and the next layer is lower."""
+    cuts = [f"G1 X{x} Y{y} E1" for x, y in ((30, 3), (30, 20), (5, 20), (5, 15), (40, 15), (20, 30), (60, 35), (0, 40))]
+    head = "G21\nG90\nM83\nG28\nG1 Y1 Z0.3 F1000\nG1 X205 E19\nG1 Y1.6\nG1 X5 E19\nG1 Y2 Z0.2"
+    text = "\n".join([head, *cuts, "G1 Z5", ""])
+    made = compensated(read(text), stepper("marlin"), find_dialect("marlin"))
+    assert b"Z take-up" in made
+    judged = compare(Judged("compensated"), "marlin", text.encode(), made)
+    assert judged.rms[0] > 0.02
+    assert judged.rms[1] < 1e-3
+
+
 @pytest.mark.parametrize("dialect", ["marlin", "klipper"])
 def test_text_is_named_and_seen_through(dialect: str) -> None:
     program = read("G90\nG1 X0 Y0 F600\n# layer 2, G1 X9\nG1 X10\n", dialect)
