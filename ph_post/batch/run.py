@@ -20,7 +20,7 @@ from ph_post.api.options import CompensateOptions
 from ph_post.batch.folder import BatchPlan, BatchTask, plan_batch
 from ph_post.batch.page import batch_page
 from ph_post.batch.rows import BatchRow, Status, csv_text, one_line, parquet_content, read_rows
-from ph_post.batch.work import BatchJob, convert_job, ready, warm_up
+from ph_post.batch.work import BatchJob, convert_job, warm_up
 from ph_post.batch.workers import Bundling, LostJobError, Workers, open_workers
 from ph_post.bounds import processors
 from ph_post.compensate.strategies.registry import find_traits
@@ -306,7 +306,7 @@ class _Run:
             workers.wait(self._progress)
             self._progress("preparing the workers: compiled code")
             for machine in machines:
-                workers.on_each_computer(warm_up, ready, machine, options, version)
+                workers.on_each(warm_up, machine, options, version)
             yield workers
 
     def _open_report(self) -> None:

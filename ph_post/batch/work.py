@@ -116,7 +116,3 @@ def warm_up(machine: Machine, options: CompensateOptions, version: str) -> None:
     """Have the code compiled that programs for a machine need; raises as :func:`convert_job`."""
     source = SourceBytes(name="first.ngc", stem="first", data=WARMING)
     convert_job(BatchJob(file="", label="", source=source, machine=machine, options=options, version=version))
-
-
-def ready() -> None:
-    """Load this module, which takes a second."""

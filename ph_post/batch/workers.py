@@ -130,31 +130,23 @@ class Workers:
             if time.monotonic() - seen > self._patience:
                 raise WorkersError(f"{self._place} has lost its workers; the same command goes on where it stopped")
 
-    def on_each_computer(self, function: Callable[..., R], meanwhile: Callable[[], object], *given: Any) -> list[R]:
-        """Run a function on one worker of each computer, and another, which gives nothing, on the rest meanwhile.
-
-        Returns
-        -------
-        list
-            What `function(*given)` gives, of each computer.
+    def on_each(self, function: Callable[..., object], *given: Any) -> None:
+        """Run a function on each worker at once; of those of a computer one compiles what all of them need.
 
         Raises
         ------
         WorkersError
             Where a worker cannot run it.
         """
-        from distributed import KilledWorker, fire_and_forget
+        from distributed import KilledWorker
 
         with self._refusals():
             addresses = sorted(self._client.ncores())
-        first = {address.rpartition(":")[0]: address for address in reversed(addresses)}
         where = {"pure": False, "allow_other_workers": True}
-        for address in addresses:
-            if address not in first.values():
-                fire_and_forget(self._client.submit(meanwhile, workers=[address], **where))
-        asked = [self._client.submit(function, *given, workers=[address], **where) for address in first.values()]
+        asked = [self._client.submit(function, *given, workers=[address], **where) for address in addresses]
         try:
-            return [self._result(one, no_progress) for one in asked]
+            for one in asked:
+                self._result(one, no_progress)
         except KilledWorker:
             raise WorkersError(f"{self._place}: workers die of the first small program; is there memory?") from None
 

@@ -22,7 +22,7 @@ class Here:
     def wait(self, _progress):
         """They are here."""
 
-    def on_each_computer(self, *_):
+    def on_each(self, *_):
         """Nothing has to be compiled."""
 
     def run(self, function, jobs, progress=None):
