@@ -116,7 +116,7 @@ class IsoCorners(CornerFollower[IsoMove]):
             words.append((re.sub(r"\s", "", found[1]), re.sub(r"\s", "", found[2])))
             at = found.end()
         codes = {float(number) for name, number in words if name == "G"}
-        orders = {int(float(number)) for name, number in words if name == "M"}
+        orders = {float(number) for name, number in words if name == "M"}
         if not self._modes(codes) or orders - _STILL_ORDERS or any(name in ("RNDM", "FRCM") for name, _ in words):
             self._forget()
             self._lose_modes(bare)

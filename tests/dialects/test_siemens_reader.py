@@ -118,6 +118,11 @@ def test_arcs(line: str, center: tuple[float, float], angle: float) -> None:
     assert not program.notes
 
 
+def test_an_arc_of_more_turns_than_a_number_holds_is_named() -> None:
+    program, _ = _last(f"G2 X0 Y0 I5 J0 TURN={400 * '9'}")
+    assert [note.what[:28] for note in program.notes] == ["word of one controller, or o"]
+
+
 @pytest.mark.parametrize(
     "line",
     [

@@ -14,6 +14,7 @@ DRAWN = [
 """One in two hundred of each; of the ordinary tests' one in ten no two that follow each other are of one dialect."""
 
 DRAWN += [pytest.param("lines", number, marks=pytest.mark.slow) for number in (200020, 200071, 202041, 204163)]
+DRAWN += [pytest.param("readings", 305120)]
 """What was refused, as the check found something between two chains that leaving both alone mends, and a crossing with
 a part of no length, whose feed was none."""
 

@@ -464,7 +464,7 @@ class _Line:
         if "CR" in self.named:
             self.parts.append(f"R{self.named['CR'].values[0]}")
         if "TURN" in self.named:
-            self.parts.append(f"P{int(float(self.named['TURN'].values[0])) + 1}")
+            self.parts.append(f"P{int(Decimal(self.named['TURN'].values[0])) + 1}")
 
     def _circle(self) -> None:
         points = {name[0]: word for name, word in self.named.items() if name in ("I1", "J1", "K1")}
