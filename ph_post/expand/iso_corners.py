@@ -24,7 +24,7 @@ from ph_post.expand.writing import number_text
 
 _NUMBER: Final = r"([-+]?\s*(?:\d+\.?\d*|\.\d+))"
 _FANUC: Final = re.compile(rf"\s*(,\s*[CR]|[A-Z])\s*{_NUMBER}")
-_SIEMENS: Final = re.compile(rf"\s*(RNDM|RND|CHF|CHR|FRCM|FRC|CR|[A-Z])\s*=?\s*{_NUMBER}(?![\d=(])")
+_SIEMENS: Final = re.compile(rf"\s*(RNDM|RND|CHF|CHR|FRCM|FRC|CR|[A-Z])\s*(?:=\s*)?{_NUMBER}(?![\d=(])")
 _LEAD: Final = re.compile(r"\s*(?:N\s*\d+\s*)?")
 _KINDS: Final[dict[str, Kind]] = {",R": "radius", ",C": "legs", "RND": "radius", "CHR": "legs", "CHF": "length"}
 _SHAPES: Final = frozenset(("X", "Y", "Z", "I", "J", "K", "R", "CR"))

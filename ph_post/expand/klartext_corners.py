@@ -21,7 +21,7 @@ from ph_post.expand.klartext_lines import NUMBER, KlartextBlock, read_blocks, tn
 from ph_post.expand.klartext_moves import AT_THE_BEGIN, AT_THE_END, DECIMALS, KlartextMove, center_words, read_move
 from ph_post.expand.progress import WrittenLines
 
-_CORNER: Final = re.compile(rf"(RND|CHF)\s*R?\s*({NUMBER})(?:\s*F\s*({NUMBER}))?$")
+_CORNER: Final = re.compile(rf"(RND|CHF)\s*(?:R\s*)?({NUMBER})(?:\s*F\s*({NUMBER}))?$")
 _CENTER: Final = re.compile(r"CC(?![A-Z])")
 _ABSOLUTE_CENTER: Final = re.compile(rf"CC\s*X\s*{NUMBER}\s*Y\s*{NUMBER}$")
 """A centre that is the same wherever the corner before it ends."""

@@ -44,7 +44,7 @@ _MIRROR: Final = re.compile(r"CYCL\s+DEF\s+8\.1\b\s*([A-Z\s]*)$")
 _FRAME: Final = re.compile(r"CYCL\s+DEF\s+(?:8|10)\.(?!0)")
 _NAMED: Final = re.compile(r"CYCL\s+DEF\s+(?:8|10)\.0\b")
 _STILL: Final = re.compile(
-    r"$|\*|BLK\s+FORM|TOOL\s+DEF|BEGIN\s+PGM|STOP\b|(?:M\s*0*(?:[0-9]|13|14|30)\s*)+$|CYCL\s+DEF\s+(?:9|32)\b|(?:RND|CHF)\s*R?\s*[\d.,]"
+    r"$|\*|BLK\s+FORM|TOOL\s+DEF|BEGIN\s+PGM|STOP\b|(?:M\s*0*(?:[0-9]|13|14|30)\s*)+$|CYCL\s+DEF\s+(?:9|32)\b|(?:RND|CHF)\s*(?:R\s*)?[\d.,]"
     r"|(?:FN\s*(?:[0-8]|13)\s*:\s*)?Q[LRS]?\d+\s*="
 )
 """Blocks that no frame changes: what is rounded or chamfered off a corner is as long in any."""

@@ -49,7 +49,7 @@ COUNTED: Final = "lengths without a decimal point count in increments"
 """What the head of a compensated program says where that is so: its lines with such lengths may be others."""
 SMALL: Final = 1000
 """Lengths without a decimal point that are below this many increments are doubtful where all of a program are."""
-_PLACES: Final = re.compile(rb"G0*4(?!\d)[^\r\n]*|[XYZUVWIJR][ \t]*[-+]?[ \t]*0*([1-9]\d*)(?![\d.])")
+_PLACES: Final = re.compile(rb"G0*4(?!\d)[^\r\n]*|[XYZUVWIJR][ \t]*(?:[-+][ \t]*)?0*([1-9]\d*)(?![\d.])")
 """The digits of a length; what stands beside a dwell is none."""
 
 

@@ -26,7 +26,7 @@ _HIDDEN: Final = re.compile(r';.*|"[^"]*"')
 _LEAD: Final = re.compile(r"\s*(/\d?)?\s*(?:([N:]\d+)\s*)?(?:([A-Z_]\w+)\s*:(?!=))?\s*", re.IGNORECASE)
 _JUMP: Final = re.compile(r"(?:IF\b(.*?))?\bGOTO([BFC]?)\s+([A-Z_]\w*|N\d+)\s*$", re.IGNORECASE)
 _REPEAT: Final = re.compile(
-    r"REPEAT(B?)\s+([A-Z_]\w*)(?:\s+([A-Z_]\w*)(?!\w|\s*=))?(?:\s*P\s*=?\s*(.+))?$", re.IGNORECASE
+    r"REPEAT(B?)\s+([A-Z_]\w*)(?:\s+([A-Z_]\w*)(?!\w|\s*=))?(?:\s*P\s*(?:=\s*)?(.+))?$", re.IGNORECASE
 )
 _BLOCK: Final = re.compile(r"(IF|ELSE|ENDIF|WHILE|ENDWHILE|FOR|ENDFOR|LOOP|ENDLOOP|REPEAT|UNTIL)\b(.*)$", re.IGNORECASE)
 _DEFINES: Final = re.compile(r"DEF\s+(?:CHAN\s+)?(REAL|INT)\s+(.*)$", re.IGNORECASE)

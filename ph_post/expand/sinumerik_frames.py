@@ -24,8 +24,8 @@ _LEAD: Final = re.compile(r"[ \t]*(/\d?)?[ \t]*(?:[N:]\d+[ \t]*)?(?:[A-Z_]\w+[ \
 _HIDDEN: Final = re.compile(r';.*|"[^"]*"')
 _DEFINITION: Final = re.compile(r"(A?)(TRANS|ROT|MIRROR|SCALE)\b(.*)$")
 _OTHER_FRAME: Final = re.compile(r"A?ROTS\b|CROTS\b|TOROT|TOFRAME|PAROT|CYCLE800\b|TRA(?:ORI|NSMIT|CYL|ANG)\b|G5[89]\b")
-_VALUE: Final = re.compile(rf"\s*(RPL|[A-Z])\s*=?\s*({_NUMBER})")
-_WORD: Final = re.compile(rf"\s*([A-Z]+)\s*=?\s*(?:(AC|IC)\s*\(\s*({_NUMBER})\s*\)|({_NUMBER})(?![\w=(*/+-]))")
+_VALUE: Final = re.compile(rf"\s*(RPL|[A-Z])\s*(?:=\s*)?({_NUMBER})")
+_WORD: Final = re.compile(rf"\s*([A-Z]+)\s*(?:=\s*)?(?:(AC|IC)\s*\(\s*({_NUMBER})\s*\)|({_NUMBER})(?![\w=(*/+-]))")
 _STILL: Final = re.compile(r"$|MSG\s*\(|R\d+\s*=|DEF\b|STOPRE$|G0*4(?!\d)")
 """Lines that no frame changes."""
 _DIAMETERS: Final = re.compile(r"\bDIAM(?:ON|90)\b")

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
+import time
+
 import pytest
 from long.fuzz import TRIALS, described
 from support.corpus import NCFILES
+
+from ph_post.api.expansion import expanded_job
+from ph_post.api.options import CompensateOptions
+from ph_post.errors import PhPostError
+from ph_post.files.storage import SourceBytes
 
 DRAWN = [
     pytest.param(kind, number, marks=[pytest.mark.slow] * (number % 20 > 0))
@@ -14,9 +23,11 @@ DRAWN = [
 """One in two hundred of each; of the ordinary tests' one in ten no two that follow each other are of one dialect."""
 
 DRAWN += [pytest.param("lines", number, marks=pytest.mark.slow) for number in (200020, 200071, 202041, 204163)]
-DRAWN += [pytest.param("readings", 305120)]
 """What was refused, as the check found something between two chains that leaving both alone mends, and a crossing with
 a part of no length, whose feed was none."""
+
+DRAWN += [pytest.param("readings", number) for number in (305120, 308971)]
+"""A number that no double holds; and a comment of 65,000 characters, searched for a number in as many ways."""
 
 
 @pytest.mark.parametrize(("kind", "number"), DRAWN)
@@ -25,3 +36,30 @@ def test_nothing_goes_wrong_but_what_is_said_in_one_line(kind: str, number: int)
         pytest.skip("the numbers are drawn where Debian's linuxcnc-uspace is installed, with its programs among them")
     tried = TRIALS[kind](number)
     assert not tried.faults, described(tried)
+
+
+HEADS = {
+    "fanuc": "%\nO1\nG21 G90 G54\nG0 X0. Y0. Z5.\n",
+    "siemens": "G71 G90\nG0 X0 Y0 Z5\n",
+    "heidenhain": "BEGIN PGM A MM\nL X+0 Y+0 R0 FMAX M3\n",
+    "heidenhain-iso": "%A G71 *\nN10 G00 G90 X+0 Y+0*\n",
+    "linuxcnc": "G21 G90\nG0 X0 Y0\n",
+    "grbl": "G21 G90\nG0 X0 Y0\n",
+    "marlin": "G21\nG90\nG0 X0 Y0\n",
+    "klipper": "G21\nG90\nG0 X0 Y0\n",
+}
+LEADS = ("X", "G1 X", "L X+", "CYCL DEF", "RND", "M", "#1", "R1", "Q1", "O", "N", "(", "F", "CALL", "IF", "G2 X1 I")
+RUN = 40_000
+
+
+@pytest.mark.parametrize("dialect", HEADS)
+def test_a_line_with_a_run_of_one_character_is_read_in_time(dialect: str) -> None:
+    """A pattern that may read a run in as many ways as it has characters takes a minute for each."""
+    begun = time.process_time()
+    for lead, fill in itertools.product(LEADS, " -(0;=[A."):
+        text = f"{HEADS[dialect]}{lead}{fill * RUN}!\nG1 X10. F200\nM30\n"
+        with contextlib.suppress(PhPostError):
+            expanded_job(
+                SourceBytes(name="a.nc", stem="a", data=text.encode()), dialect, CompensateOptions(expand=True)
+            )
+    assert time.process_time() - begun < 30.0

@@ -32,7 +32,7 @@ and the turning cycles, 93 to 98 and 930 to 952."""
 _DIAMETERS: Final = re.compile(r"\bDIAM(?:ON|OF|90)\b", re.IGNORECASE)
 _PLACED: Final = re.compile(rb"\bCIP\b|\bPOLY\b|\bI\s*=\s*AC\b")
 """Circles and polynomials whose other places are diameters, too, and are not read as such."""
-_X: Final = re.compile(r"(?<![A-Z_$])X\s*=?\s*[-+.\d(A-Z]", re.IGNORECASE)
+_X: Final = re.compile(r"(?<![A-Z_$])X\s*(?:=\s*)?[-+.\d(A-Z]", re.IGNORECASE)
 _UNMEASURED: Final = "X may be a diameter, as a lathe's setting has it: DIAMON or DIAMOF says which"
 _FEED_MODES: Final = re.compile(rb"G9(?:[3-7]|6[12]|7[13])(?!\d)")
 _STRING: Final = re.compile(r'"[^"]*"')
