@@ -14,20 +14,30 @@ from support.hand_trials import MM, Shop
 
 import ph_post as ph
 from ph_post.cli.main import main
+from ph_post.errors import InputError
 
 Errors = dict[str, list[tuple[float, float]]]
 """By quantity: how far a value is off the truth, and the error that was stated."""
 
 
 def measure_many(folder: Path, count: int, shop: Shop, *, dial: bool = True, cut: bool = False) -> Errors:
-    """Measure machines, and collect how far each result is off."""
+    """Measure machines, and collect how far each result is off.
+
+    Of one axis in a thousand each test refuses by chance readings that agree: then all are taken again.
+    """
     errors: Errors = defaultdict(list)
+    again = 0
     for seed in range(count):
         random = np.random.default_rng(seed)
         machine = hand_trials.draw(random, worn=dial)
         file = folder / "readings.toml"
         file.write_text(hand_trials.readings(machine, random, shop, dial, cut))
-        found = ph.measure(file, "stepper")
+        try:
+            found = ph.measure(file, "stepper")
+        except InputError:
+            again += 1
+            file.write_text(hand_trials.readings(machine, random, shop, dial, cut))
+            found = ph.measure(file, "stepper")
         for axis in "XY":
             lost = found.axes[axis].lost_motion
             errors["lost motion"].append((lost.value / MM - hand_trials.true_play(machine, axis), lost.error / MM))
@@ -37,6 +47,7 @@ def measure_many(folder: Path, count: int, shop: Shop, *, dial: bool = True, cut
         if cut:
             angle = found.squareness["X", "Y"]
             errors["squareness"].append((angle.value - machine.squareness, angle.error))
+    assert again <= 0.01 * count, shop
     return errors
 
 
