@@ -16,7 +16,7 @@ _OTHERS: Final = re.compile(rb"[XYZR]\s*[-+.\d]")
 _FASTEST: Final = re.compile(rb"G50\s*S\s*\d")
 _SURFACE: Final = re.compile(rb"G96(?![\d.])")
 
-_FEED: Final = re.compile(rb"G[ \t]*0*4(?![.\d])[^\r\n]*|(?<![A-Z_])F[ \t]*=?[ \t]*(\d+\.?\d*|\.\d+)")
+_FEED: Final = re.compile(rb"G[ \t]*0*4(?![.\d])[^\r\n]*|(?<![A-Z_])F[ \t]*(?:=[ \t]*)?(\d+\.?\d*|\.\d+)")
 """A feed; beside G4 of Siemens F is a time."""
 
 SLOWEST: Final = 2.0

@@ -434,10 +434,11 @@ def _taken(job: Damaged, folder: File, done: _Commands) -> str:
 def try_reading(number: int) -> Tried:
     """Read a damaged program, and write it out."""
     job = damaged(number)
-    return _tried("readings", number, job.dialect, job.name, job.lines, lambda: _readings(job))
+    return _tried("readings", number, job.dialect, job.name, job.lines, lambda: read_and_expanded(job))
 
 
-def _readings(job: Damaged) -> tuple[str, list[str]]:
+def read_and_expanded(job: Damaged) -> tuple[str, list[str]]:
+    """Read a program, and write it out; what came of it, and what was wrong."""
     title, faults, outcome = f"a{ENDINGS.get(job.dialect, '.nc')}", [], "read"
     try:
         program = read_as(job.dialect, job.data, title)

@@ -12,7 +12,7 @@ import numpy as np
 from ph_post.dialects.reading import NOT_UNDERSTOOD, Remark
 from ph_post.gcode.program import PlaceArray
 
-_WORD: Final = re.compile(rb"([A-Z])[ \t]*([-+]?[ \t]*(?:\d+\.?\d*|\.\d+))")
+_WORD: Final = re.compile(rb"([A-Z])[ \t]*((?:[-+][ \t]*)?(?:\d+\.?\d*|\.\d+))")
 MACRO: Final = rb"IF|WHILE|GOTO|END|DO[ \t]*\d|THEN|SETVN|POPEN|PCLOS|PRNT"
 """Pattern of the words of macro statements."""
 
