@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 
 from ph_post.gcode.lexer import DOUBTED
+from ph_post.gcode.numbers import blanked
 
 _LINE: Final = re.compile(rb"[^\r\n]+")
 _COMMAND: Final = re.compile(
@@ -127,7 +128,7 @@ def reader_of(arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], 
     def hide(data: bytes) -> bytes:
         first, last = _repeated(data)
         if not small and _OTHER_TOOL.search(data) is None:
-            data = _FIRST_TOOL.sub(lambda one: b" " * len(one[0]), data)
+            data = blanked(_FIRST_TOOL, data)
         plain = _without_beads(data)
         relative = lost = False
         for found in _BEADS.finditer(data):
@@ -285,7 +286,7 @@ def _hidden(line: bytes, arcs: bytes, foreign: bytes, *, small: bool) -> bytes:
         # No command begins with that: Marlin and Klipper say so, and go on (gcode.cpp, gcode.py: unknown command).
         return line
     if not small:
-        code = _PLAIN_COMMENT.sub(lambda one: b" " * len(one[0]), code)
+        code = blanked(_PLAIN_COMMENT, code)
         if not code.strip():
             return code + mark + comment
     found = _COMMAND.match(code)
@@ -316,12 +317,12 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
         return code[:end] + (rest if kept else b" " * len(rest))
     if word not in _READ:
         return _marked(code, b"$@")
-    plain = _EXTRUDED.sub(lambda one: b" " * len(one[0]), rest)
-    plain = _NO_FEED.sub(lambda one: b" " * len(one[0]), plain)
+    plain = blanked(_EXTRUDED, rest)
+    plain = blanked(_NO_FEED, plain)
     if word in (b"G2", b"G3"):
-        plain = _NO_CENTRE.sub(lambda one: b" " * len(one[0]), plain)
+        plain = blanked(_NO_CENTRE, plain)
         if not _letters(plain) & set(b"XY"):
-            plain = _TURNS.sub(lambda one: b" " * len(one[0]), plain)
+            plain = blanked(_TURNS, plain)
     foreign = word in (b"G2", b"G3") and _letters(plain) - set(arcs)
     return code[:end] + plain if _MOVE.fullmatch(plain) and not foreign else _marked(code, b"$@")
 
@@ -398,9 +399,9 @@ def _doubted(code: bytes) -> bytes:
     Its words stay where they are, but for those before the first blank, in whose place stands the mark: no feed.
     """
     sets = _SETS.search(code.upper()) is not None
-    words = _EXTRUDED.sub(lambda one: b" " * len(one[0]), code)
+    words = blanked(_EXTRUDED, code)
     if sets:
-        words = _TEXT_BEHIND.sub(lambda one: b" " * len(one[0]), words)
+        words = blanked(_TEXT_BEHIND, words)
     first, blank, rest = _BLANK.split(words, maxsplit=1) if _BLANK.search(words) else (words, b"", b"")
     if blank and b"F" not in first.upper() and b"(" not in words:
         return bytes([DOUBTED]) + first + rest

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from ph_post.gcode import codes
+from ph_post.gcode.numbers import blanked
 from ph_post.types import Array, IntArray
 
 if TYPE_CHECKING:
@@ -214,7 +215,7 @@ def _commands(words: frozenset[int], macros: frozenset[str]) -> re.Pattern[bytes
 
 def _without(hide: Callable[[bytes], bytes], commands: re.Pattern[bytes], data: bytes) -> bytes:
     """Return a text as `hide` has it, with blanks in the place of the lines of some commands."""
-    return hide(commands.sub(lambda found: b" " * len(found[0]), data))
+    return hide(blanked(commands, data))
 
 
 RS274 = Language()

@@ -27,6 +27,17 @@ COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 """A comment in parentheses, also one that does not end, or behind a semicolon."""
 
 
+def blanked(pattern: re.Pattern[bytes], data: bytes) -> bytes:
+    """Return a text of the same length, with blanks in the place of all that a pattern finds.
+
+    Examples
+    --------
+    >>> blanked(COMMENT, b"G1 (fast) X1.")
+    b'G1        X1.'
+    """
+    return pattern.sub(lambda found: b" " * len(found[0]), data)
+
+
 def masked(data: bytes) -> bytes:
     """Return a text in capitals, with blanks in the place of its comments.
 
@@ -35,7 +46,7 @@ def masked(data: bytes) -> bytes:
     >>> masked(b"g1 (fast) x1. ; so")
     b'G1        X1.     '
     """
-    return COMMENT.sub(lambda found: b" " * len(found[0]), data).upper()
+    return blanked(COMMENT, data).upper()
 
 
 class Comments(msgspec.Struct, frozen=True, kw_only=True):

@@ -53,7 +53,7 @@ def test_a_line_with_a_run_of_one_character_is_read_in_time(dialect: str) -> Non
     """A pattern that may read a run in as many ways as it has characters takes a minute for a comment."""
     begun = time.process_time()
     for lead, (fill, count) in itertools.product(LEADS, RUNS):
-        text = f"{HEADS[dialect]}{lead}{fill * count}!\nG1 X10. F200\nM30\n".encode()
-        _, faults = read_and_expanded(Damaged(dialect, "a", text.decode(), text, 1, random.Random(0)))
+        text = f"{HEADS[dialect]}{lead}{fill * count}!\nG1 X10. F200\nM30\n"
+        _, faults = read_and_expanded(Damaged(dialect, "a", text, text.encode(), 1, random.Random(0)))
         assert not faults, (lead, fill)
     assert time.process_time() - begun < 30.0
