@@ -52,7 +52,7 @@ ROUNDS: Final = 8
 """Plans that are tried before a program is left as it is."""
 
 
-ENOUGH: Final = 0.9
+ENOUGH: Final = 0.95
 """Part of the time allowed that a plan is to take where there was more to do."""
 
 MOST: Final = 3.0

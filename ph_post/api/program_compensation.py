@@ -15,7 +15,7 @@ from ph_post.api.outcomes import Compensation, left_words, passed_through, units
 from ph_post.api.path_compensation import PathCompensation, compensated_path
 from ph_post.api.programs import compensate_program
 from ph_post.api.results import AxisReversals, MotionResult
-from ph_post.api.reversals import ProgramReversal, count_program_reversals, program_reversals
+from ph_post.api.reversals import ProgramReversal, coarse_words, count_program_reversals, program_reversals
 from ph_post.compensate.options import PlanOutput
 from ph_post.dialects.planners import planner_notes
 from ph_post.dialects.registry import find_dialect
@@ -157,7 +157,9 @@ class ProgramCompensation(Compensation):
         """What is not compensated, why, and what would change that; empty where all is."""
         if self.output == "table":
             return self.longest.not_compensated
-        warnings = (*self.planned.warnings, *self.shifted.warnings)
+        edits = self.planned.edits
+        coarse = coarse_words(self.places, short=edits is not None and edits.short)
+        warnings = (*self.planned.warnings, *self.shifted.warnings, *coarse)
         return left_words(self.axis_reversals, warnings, self.passed_through)
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
@@ -15,9 +16,10 @@ from ph_post.api.results import AxisReversals, count_reversals
 from ph_post.bounds import give_memory_back, in_parts
 from ph_post.compensate.comparison import PASSED, crossings_at, strategy_at, window_number
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP
-from ph_post.edit.edits import Edits
+from ph_post.edit.edits import Edits, leaves_much
 from ph_post.edit.preconditions import reckoned_feeds
 from ph_post.edit.window_plans import WindowPlan
+from ph_post.files.check import counted
 from ph_post.gcode.paths import ProgramPath, paths_of
 from ph_post.gcode.program import AXES, LINE, RAPID, Motions
 from ph_post.geometry.numeric import zigzag
@@ -57,7 +59,7 @@ class ProgramReversal(ReversalEdit, frozen=True, kw_only=True, eq=False):
     It is the turning `point` of an `analysis` of a `path` of the program, on a `line` (from 1). `strategy` is
     "none" where nothing is done, and "takeup" where the axis gets another lasting offset. `cut` says whether
     the tool cuts behind it, `slight` whether the axis goes there and back by no more than the tolerance, as roundings
-    of centres and of lines along an axis have it.
+    of centres and of lines along an axis have it, `coarse` whether what is done leaves more than a fifth of the error.
     """
 
     path: ProgramPath
@@ -67,11 +69,12 @@ class ProgramReversal(ReversalEdit, frozen=True, kw_only=True, eq=False):
     line: int
     cut: bool
     slight: bool
+    coarse: bool = False
 
     @property
     def compensated(self) -> bool:
-        """Return whether anything is done there."""
-        return self.strategy != PLAIN
+        """Return whether what is done there leaves no more than a fifth of the error."""
+        return self.strategy != PLAIN and not self.coarse
 
 
 def program_reversals(found: CompensatedProgram, machine: Machine, tolerance: float) -> list[ProgramReversal]:
@@ -159,14 +162,17 @@ class _Changes(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Places at which the lasting offsets of a program change.
 
     `motion` and `share` (n, 2) of the beginnings and the ends of the stretches on which it happens, the same place
-    twice for a stop, and their `column` (n,), in order of travel; `carried` (m, 3) is true for motions, rapids, that
-    change one on their way.
+    twice for a stop, and their `column` (n,), in order of travel; `square` (n,) the error that they leave, as
+    :attr:`CrossingEdit.square`, and `amplitude` the largest offsets [m]; `carried` (m, 3) is true for motions, rapids,
+    that change one on their way.
     """
 
     axes: tuple[str, ...]
     motion: IntArray
     share: Array
     column: IntArray
+    square: Array
+    amplitude: Mapping[str, float]
     carried: BoolArray
 
 
@@ -179,18 +185,20 @@ def _changes_of(edits: Edits) -> _Changes:
     for stop in edits.stops:
         for shift in stop.shifts:
             column = AXES.index(shift.axis)
-            rows.append((stop.motion, stop.share, stop.motion, stop.share, column))
+            rows.append((stop.motion, stop.share, stop.motion, stop.share, column, 0.0))
             steps[stop.motion, column] -= shift.travel
     for crossing in edits.crossings:
         column, first, last = AXES.index(crossing.axis), crossing.parts[0], crossing.parts[-1]
-        rows.append((first.motion, first.low, last.motion, last.high, column))
+        rows.append((first.motion, first.low, last.motion, last.high, column, crossing.square))
         steps[first.motion : last.motion + 1, column] = 0.0
-    found = np.array(sorted(rows), dtype=np.float64).reshape(-1, 5)
+    found = np.array(sorted(rows), dtype=np.float64).reshape(-1, 6)
     return _Changes(
         axes=edits.followed,
         motion=found[:, [0, 2]].astype(np.int64),
         share=found[:, [1, 3]],
         column=found[:, 4].astype(np.int64),
+        square=found[:, 5],
+        amplitude=edits.amplitude,
         carried=(steps > STILL) | (steps < -STILL),
     )
 
@@ -199,6 +207,17 @@ def count_program_reversals(found: Iterable[ProgramReversal], machine: Machine) 
     """Count the reversals of a program by axis; slight ones that are left as they are do not count."""
     counted = (one for one in found if one.compensated or not one.slight)
     return count_reversals(((one.point.axis, one.compensated, one.cut) for one in counted), machine)
+
+
+def coarse_words(found: Iterable[ProgramReversal], *, short: bool) -> list[str]:
+    """Say of each axis at how many reversals it is crossed coarsely; where time is `short` more of it would help."""
+    counts = Counter(one.point.axis for one in found if one.coarse and not one.slight)
+    allows = "; a larger --max-slowdown allows finer ones" if short else ""
+    return [
+        f"axis {axis} not compensated enough at {counted(count, 'reversal')}:"
+        f" its crossings there are coarse, and leave more than a fifth of the error{allows}"
+        for axis, count in sorted(counts.items())
+    ]
 
 
 def _of_path(
@@ -227,7 +246,7 @@ def _of_path(
         slight,
         strict=True,
     )
-    for point, place, near, line, carried, behind, little in rows:
+    for point, place, near, line, (carried, coarse), behind, little in rows:
         edit = done.get(place) or _near(done, path, point, near)
         yield ProgramReversal(
             path=path,
@@ -237,6 +256,7 @@ def _of_path(
             line=line,
             cut=bool(found.before.motions.kind[behind] != RAPID),
             slight=little,
+            coarse=coarse,
             strategy=TAKE_UP if carried else edit.strategy,
             profile=edit.profile,
             crossings=edit.crossings,
@@ -298,8 +318,8 @@ def _shifted(
     reach: Array,
     at_end: BoolArray,
     slight: Sequence[bool],
-) -> list[bool]:
-    """Mask of the turning points at which the lasting offset of the axis that turns changes.
+) -> list[tuple[bool, bool]]:
+    """Say of turning points whether the lasting offset of the axis that turns changes there, and whether coarsely.
 
     Where the axis rests, the change may be anywhere in the rest, at whose end the turning point is listed. So it may
     where the axis goes on from its rest by no more than the tolerance before it turns, as a curve through the ends of
@@ -308,7 +328,7 @@ def _shifted(
     """
     points = analysis.turning_points
     if changes is None or not points:
-        return [False] * len(points)
+        return [(False, False)] * len(points)
     own = slice(*np.searchsorted(changes.motion[:, 0], (path.motion[0], path.motion[-1] + 1)).tolist())
     begin_at, end_at = (path.to_path(changes.motion[own, k], changes.share[own, k]) for k in (0, 1))
     column = changes.column[own]
@@ -321,12 +341,12 @@ def _shifted(
         asked = {place[1] - back for place in places if place[0] == name for back in (0, 1)}
         left_off[name] = _left_off(motions, path, AXES.index(name), asked)
     found = []
-
     count = motions.kind.size
-    rows = zip(points, places, reach, at_end.tolist(), slight, since, until, strict=True)
-    for point, (name, motion, _), near, ends, little, before, after in rows:
+    ways = _ways_behind(points, slight, analysis.track.length)
+    rows = zip(points, places, reach, at_end.tolist(), slight, since, until, ways, strict=True)
+    for point, (name, motion, _), near, ends, little, before, after, way in rows:
         if name not in changes.axes:
-            found.append(False)
+            found.append((False, False))
             continue
         axis, begin, low = AXES.index(name), motion, point.s
         dwells = point.kind == "dwell"
@@ -341,12 +361,14 @@ def _shifted(
         stands = np.where(begin_at[about] < point.s, ends_at[about, k], begins[about, k])
         beside = (column[about] == axis) & (np.abs(stands - position) <= analysis.tolerance)
         stops = np.append(stops, beside & (not little))
+        square = np.append(changes.square[own], changes.square[own][about])[stops].max(initial=0.0)
         leaves = motion + (2 if ends else 1)
         # A rapid that takes the axis away takes up its backlash on the way, as a plunge behind a rapid does in the air.
         while leaves < count and not little and abs(motions.end[leaves - 1, axis] - position) <= analysis.tolerance:
             leaves += 1
         away = motions.kind[min(leaves, count) - 1] == RAPID or (ends and motions.kind[motion] == RAPID)
-        found.append(bool(away or stops.any() or changes.carried[begin + 1 : leaves, axis].any()))
+        shifted = bool(away or stops.any() or changes.carried[begin + 1 : leaves, axis].any())
+        found.append((shifted, leaves_much(float(square), way, changes.amplitude.get(name, 0.0))))
     return found
 
 
@@ -361,6 +383,14 @@ def _between(points: Sequence[TurningPoint], slight: Sequence[bool]) -> tuple[li
                 last[points[number].axis] = points[number].s
         found.append(beside)
     return found[0], found[1]
+
+
+def _ways_behind(points: Sequence[TurningPoint], slight: Sequence[bool], length: float) -> list[float]:
+    """Ways [m] behind the turning points of a path up to the next place at which an axis turns, `slight` ones apart."""
+    s = np.array([point.s for point in points])
+    ends = np.append(np.unique(s[~np.array(slight, dtype=np.bool_)]), length)
+    behind = np.minimum(np.searchsorted(ends, s, side="right"), ends.size - 1)
+    return np.maximum(ends[behind] - s, 0.0).tolist()  # type: ignore[no-any-return]
 
 
 def _within(motions: Motions, motion: int, axis: int, position: float) -> float:

@@ -16,7 +16,7 @@ from ph_post.edit.edits import EditOptions
 from ph_post.edit.reversal_search import ReversalSearch, joined_spans
 from ph_post.edit.reversals import MOTION, SIGN
 from ph_post.gcode.program import AXES
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, ExactPath, IntArray
 from ph_post.units import MM
 
 SPARE: Final = 3e-3
@@ -30,6 +30,9 @@ PARTS: Final = 100
 
 MOSTLY: Final = 0.5
 """A section that has more than this part of what all gain is nearly the whole program."""
+
+HARDLY: Final = 0.05
+"""Crossings that take no more than this part longer than coarser ones leave the part better than those do."""
 
 _HALVINGS: Final = 6
 """Halvings of the range of the dead band, and of the time for parts of sections, down to a sixtieth of it."""
@@ -98,11 +101,12 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
                 short=coarser >= FINE or bool(options.spared) or options.shave > 0.0,
                 spared=options.spared,
             )
-    _leave_costly(search, options, allowed, need)
+    coarser = _coarseness(search, found)
+    _leave_costly(search, options, coarser, allowed, need)
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if _fits(search, options, allowed, middle) else (middle, high)
+        low, high = (low, middle) if _fits(search, options, coarser, allowed, middle) else (middle, high)
     found = _search_raised(search, options, high)
     widest = max(_bands(search, options, high).values())
     said = [
@@ -111,12 +115,24 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
     ]
     return AffordedChanges(
         changes=found,
-        coarser=COARSER[-1],
-        slowdown=search.cost(found, COARSER[-1]) / total,
+        coarser=coarser,
+        slowdown=search.cost(found, coarser) / total,
         warnings=[*search.warnings, *(said if any(len(rows) for rows in found.values()) else [])],
         short=True,
         spared=options.spared | {(name, int(search.low[n]), int(search.high[n])) for name, n, _ in search.for_now},
     )
+
+
+def _coarseness(search: ReversalSearch, found: dict[str, Array]) -> float:
+    """Return the largest error of crossings as a multiple of the least, where there is no time for all of them.
+
+    Where their joints are reckoned with it is the smallest that hardly takes longer than any other: what has to be left
+    for it is little.
+    """
+    if not isinstance(search.crossings.ground.planner, ExactPath):
+        return COARSER[-1]
+    costs = {coarser: search.cost(found, coarser) for coarser in COARSER}
+    return next(coarser for coarser, cost in costs.items() if cost <= (1.0 + HARDLY) * min(costs.values()))
 
 
 def _leave_spared(search: ReversalSearch, options: EditOptions, need: float) -> None:
@@ -125,7 +141,7 @@ def _leave_spared(search: ReversalSearch, options: EditOptions, need: float) -> 
     for _, begin, end in spared:
         search.divided(begin, end)
     places = [(name, n) for name, begin, end in spared for n in search.divided(begin, end) if search.open[name][n]]
-    costs = _section_costs(search, _search_raised(search, options, 1.0))
+    costs = _section_costs(search, _search_raised(search, options, 1.0), COARSER[-1])
     price = dict.fromkeys(costs, 0.0)
     for name, n in places:
         price[name] += options.pace * float(costs[name][n])
@@ -154,30 +170,31 @@ def _give_up_between(
             search.give_up(name, n, reason, for_now=for_now)
 
 
-def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, need: float) -> None:
+def _leave_costly(search: ReversalSearch, options: EditOptions, coarser: float, allowed: float, need: float) -> None:
     """Leave sections alone, or axes in them, until the widest dead band keeps within the time allowed.
 
     What is gained are the squares of the offsets for as long as an axis cuts with them. What is kept may cost more once
     its neighbours are gone: of that goes then what gains least for its time.
     """
     found = _search_raised(search, options, 1.0)
-    cost = _section_costs(search, found)
+    cost = _section_costs(search, found, coarser)
     gain = {name: search.gain(name, rows) for name, rows in found.items()}
     every = np.sum(list(gain.values()), axis=0)
     # Of a print that is one section, or nearly so, no axis is left from its beginning to its end.
     whole = search.crossings.ground.beam.tends and every.max(initial=0.0) > MOSTLY * every.sum()
     if options.in_parts or whole:
-        _leave_behind(search, options, allowed, need, found, every)
+        _leave_behind(search, options, coarser, allowed, need, found, every)
         if options.in_parts or any(rows.size for rows in _search_raised(search, options, 1.0).values()):
             return
         search.take_again(search.for_now)
-    _leave_axes(search, options, allowed, need, cost, gain)
-    _take_back(search, options, allowed)
+    _leave_axes(search, options, coarser, allowed, need, cost, gain)
+    _take_back(search, options, coarser, allowed)
 
 
 def _leave_axes(
     search: ReversalSearch,
     options: EditOptions,
+    coarser: float,
     allowed: float,
     need: float,
     cost: Mapping[str, Array],
@@ -206,18 +223,19 @@ def _leave_axes(
 
     low, high = len(places) - len(kept), len(places)
     leave(low)
-    if _fits(search, options, allowed):
+    if _fits(search, options, coarser, allowed):
         return
     while high - low > 1:
         middle = (low + high) // 2
         leave(middle)
-        low, high = (low, middle) if _fits(search, options, allowed) else (middle, high)
+        low, high = (low, middle) if _fits(search, options, coarser, allowed) else (middle, high)
     leave(high)
 
 
 def _leave_behind(
     search: ReversalSearch,
     options: EditOptions,
+    coarser: float,
     allowed: float,
     need: float,
     found: dict[str, Array],
@@ -227,7 +245,7 @@ def _leave_behind(
 
     Where that is still too much, axes that do not reverse there are left too. `gain` (s,) is that of all axes.
     """
-    parts = _SectionParts(search, found, gain, largest_first=options.largest_first)
+    parts = _SectionParts(search, found, gain, largest_first=options.largest_first, coarser=coarser)
     turns = {name: np.sort(rows[rows[:, SIGN] != 0.0, MOTION]) for name, rows in found.items()}
     why = {name: too_costly(options.pace * cost, need) for name, cost in parts.cost.items()}
 
@@ -241,15 +259,15 @@ def _leave_behind(
     for resting in (False, True):
         low, high = 0.0, allowed
         leave(high, resting=resting)
-        if _fits(search, options, allowed):
+        if _fits(search, options, coarser, allowed):
             return
         # It costs something to begin and to end between two cuts.
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             leave(middle, resting=resting)
-            low, high = (middle, high) if _fits(search, options, allowed) else (low, middle)
+            low, high = (middle, high) if _fits(search, options, coarser, allowed) else (low, middle)
         leave(low, resting=resting)
-        if low > 0.0 or _fits(search, options, allowed):
+        if low > 0.0 or _fits(search, options, coarser, allowed):
             return
 
 
@@ -287,7 +305,7 @@ class _SectionParts:
         gain: Array,
         *,
         largest_first: bool,
-        coarser: float = COARSER[-1],
+        coarser: float,
     ) -> None:
         spots, times = search.crossings.costs(found, coarser)
         motion = spots.rows[:, MOTION].astype(np.int64)
@@ -406,21 +424,21 @@ def _worth(places: Sequence[AxisInSections], largest_first: bool) -> float:
     return gain if largest_first else gain / max(sum(place.cost for place in places), 1e-12)
 
 
-def _take_back(search: ReversalSearch, options: EditOptions, allowed: float) -> None:
+def _take_back(search: ReversalSearch, options: EditOptions, coarser: float, allowed: float) -> None:
     """Take again what costs no more than is left: axes that come to a place together wait there together."""
     for place in list(search.for_now[:TAKEN_BACK]):
         search.take_again([place])
-        if not _fits(search, options, allowed):
+        if not _fits(search, options, coarser, allowed):
             search.give_up(*place, for_now=True)
 
 
-def _fits(search: ReversalSearch, options: EditOptions, allowed: float, raised: float = 1.0) -> bool:
-    return search.cost(_search_raised(search, options, raised), COARSER[-1]) <= allowed
+def _fits(search: ReversalSearch, options: EditOptions, coarser: float, allowed: float, raised: float = 1.0) -> bool:
+    return search.cost(_search_raised(search, options, raised), coarser) <= allowed
 
 
-def _section_costs(search: ReversalSearch, found: dict[str, Array]) -> dict[str, Array]:
+def _section_costs(search: ReversalSearch, found: dict[str, Array], coarser: float) -> dict[str, Array]:
     """Time that the changes of each axis cost in every section [s], by axis (s,)."""
-    spots, times = search.crossings.costs(found, COARSER[-1])
+    spots, times = search.crossings.costs(found, coarser)
     costs = {name: np.zeros(search.low.size) for name in found}
     for name, cost in costs.items():
         own = spots.column == AXES.index(name)

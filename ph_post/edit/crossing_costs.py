@@ -11,8 +11,17 @@ import numpy as np
 from ph_post.compensate.offsets import DWELL, corner_pause
 from ph_post.drive.cascade import response_time
 from ph_post.edit.crossing_ground import LEAST_FEED, CrossingGround, Spots
-from ph_post.edit.crossing_shapes import LONG, points_along
-from ph_post.edit.crossings import BLENDED, KINK, SETTLING
+from ph_post.edit.crossing_shapes import (
+    BALANCED,
+    BEHIND,
+    CHORD,
+    LONG,
+    OUTER,
+    OUTWARD,
+    CrossingShape,
+    points_along,
+)
+from ph_post.edit.crossings import BLENDED, KINK, LONE, SETTLING, shortest_block
 from ph_post.edit.edits import SYNCHRONISED, dwell_time
 from ph_post.edit.lagging_crossings import RESIDUE
 from ph_post.edit.reversals import (
@@ -101,7 +110,39 @@ class CrossingCosts:
             fastest = np.maximum(spots.feed, np.array([self.beside_cut(axes.get(n)) for n in AXES])[spots.column])
             lost = self._ground.lost[spots.column]
             move = np.where(spots.rows[:, SIGN] == 0.0, move, np.maximum(move, lost / fastest))
-        return np.asarray(move + passed / self._push(spots))
+        found = move + passed / self._push(spots)
+        which = np.flatnonzero(passed > 0.0)
+        if which.size and self._ground.slow_in_short_blocks:
+            found[which] = self._between_joints(spots, which)
+        return np.asarray(found)
+
+    def _between_joints(self, spots: Spots, which: IntArray) -> Array:
+        """Time [s] that stops (n,) take where the controller is not at rest in their joints."""
+        ground, column, at = self._ground, spots.column[which], spots.at[which]
+        own = self._smooth * np.array([ground.machine.axes[AXES[n]].limits.acceleration for n in column.tolist()])
+        lost = ground.lost[column]
+        points = [points_along(ground.view, ground.along, at + side) for side in (-BESIDE_WINDOW, 0.0, BESIDE_WINDOW)]
+        ways = np.diff(np.array(points), axis=0)
+        into, out = ways / np.maximum(np.linalg.norm(ways, axis=2), 1e-12)[..., None]
+        across = np.zeros(into.shape)
+        across[np.arange(at.size), column] = spots.rows[which, SIGN]
+        bound = junction_speed(
+            ground.machine,
+            np.stack([into, across]),
+            np.stack([across, out]),
+            np.stack([at - ground.joint_before(at), lost]),
+            np.stack([lost, ground.joint_behind(at) - at]),
+            feed=np.maximum(spots.feed[which], LEAST_FEED),
+        ).min(axis=0)
+        beside = ground.passage.at(at)[1]
+        # Its move is as fast as it would be halfway from rest to rest, where a motor that lags is waited for.
+        fastest = np.sqrt(own * lost)
+        bound = np.where(ground.lag[column] > 0.0, 0.0, np.minimum(np.minimum(bound, beside), fastest))
+        move = 2.0 * (fastest - bound) / own + bound**2 / (own * fastest)
+        ramps = self._ramps(
+            np.stack([at, at]), np.stack([bound, bound]), np.stack([beside, beside]), self._push(spots)[which]
+        )
+        return np.asarray(move + ramps)
 
     def _push(self, spots: Spots) -> Array:
         """Acceleration along the path at every change (n,) [m/s²], as far as short lines use it."""
@@ -140,14 +181,19 @@ class CrossingCosts:
     def of_chords(self, spots: Spots) -> Array:
         """Time [s] that the windows of crossings take longer than the path, with the ramps beside them (n,).
 
-        About a corner an exact path is no faster than its controller lets it, into the window and out of it.
+        About a corner an exact path is no faster than its controller lets it, into the window and out of it; where
+        short blocks make joints slow that is so in all of them.
         """
         feed, push = np.maximum(spots.feed, LEAST_FEED), self._push(spots)
         speed = np.where(spots.window[:, 2] > 0.0, spots.window[:, 2], feed)
         if isinstance(self._ground.planner, ExactPath):
             feed, speed = self._let_through(spots, feed, speed)
         way = spots.window[:, 1] - spots.window[:, 0]
-        return np.asarray((feed - speed) ** 2 / (feed * push) + way / speed - way / feed + self._ground.longer)
+        found = (feed - speed) ** 2 / (feed * push) + way / speed - way / feed + self._ground.longer
+        which = np.flatnonzero((spots.window[:, 2] > 0.0) & (self._ground.lag[spots.column] == 0.0))
+        if which.size and self._ground.slow_in_short_blocks:
+            found[which] = self._through_joints(spots, which)
+        return np.asarray(found)
 
     def _let_through(self, spots: Spots, feed: Array, speed: Array) -> tuple[Array, Array]:
         """Lower the speeds of the path beside windows about corners, and in them (n,) [m/s], to those of joints."""
@@ -170,6 +216,89 @@ class CrossingCosts:
         speed[which] = np.maximum(np.minimum(speed[which], bound.min(axis=0)), LEAST_FEED)
         feed[which] = np.clip(self.at_corners(spots)[which], speed[which], feed[which])
         return feed, speed
+
+    @staticmethod
+    def _ramps(ends: Array, speed: Array, beside: Array, push: Array) -> Array:
+        """Time [s] of ramps to changes between two places (2, n) [m] and from them, to speeds there (2, n) [m/s].
+
+        They lead from the speeds that the path has `beside` (2, n) [m/s], and reach halfway to the next change.
+        """
+        room = np.full(ends.shape, math.inf)
+        order = np.argsort(ends[0], kind="stable")
+        half = 0.5 * np.maximum(ends[0, order[1:]] - ends[1, order[:-1]], 0.0)
+        room[0, order[1:]] = room[1, order[:-1]] = half
+        beside = np.maximum(beside, LEAST_FEED)
+        speed = np.minimum(speed, beside)
+        way = np.minimum(room, (beside**2 - speed**2) / (2.0 * push))
+        return np.asarray(((np.sqrt(speed**2 + 2.0 * push * way) - speed) / push - way / beside).sum(axis=0))
+
+    def _knots(self, spots: Spots, which: IntArray) -> tuple[Array, Array]:
+        """Return places of joints in windows and beside them, and what is added to their axes there, (6, n) [m] each.
+
+        As :class:`~ph_post.edit.crossings.CrossingPlanner` makes them: a block between two tangents, or between two
+        parts of the path. The first and the last are the program's own, whose blocks become shorter.
+        """
+        ground, shortest = self._ground, shortest_block(spots.feed[which])
+        begin, finish, speed, error, kind = spots.window[which].T
+        none = CrossingShape(first=0.0, wait=1.0)
+        shapes = [ground.shapes.get(name, none) for name in AXES]
+        lasts = np.array([max(one.first, LONE * one.wait) for one in shapes])[spots.column[which]] * speed
+        whole = (kind == BEHIND) | (kind == CHORD)
+        ahead = np.where(whole, 0.0, np.maximum(0.5 * (finish - begin - np.maximum(lasts, shortest)), 0.0))
+        half = 0.5 * np.maximum(finish - begin - (spots.rest[which, 1] - spots.rest[which, 0]), 0.0)
+        out = np.where(kind == BALANCED, OUTER - 1.0, 1.0) * half
+        tangents = ((kind == BALANCED) | (kind == OUTWARD)) & (out > 0.0)
+        sign, lost = spots.rows[which, SIGN], ground.lost[spots.column[which]]
+        bulge = np.where(tangents, -sign * error * ((out + ahead) / np.maximum(out, 1e-12)) ** 2, 0.0)
+        first, last = begin + ahead, finish - ahead
+        beside = np.stack([ground.joint_before(first), ground.joint_behind(last)])
+        ends = np.where(tangents, np.stack([begin - out, finish + out]), beside)
+        # An end that would be close to a joint of the program is moved there.
+        near, inner = np.maximum(shortest, ground.least * spots.feed[which]), np.stack([first, last])
+        for joints in (ground.joint_before(ends), ground.joint_behind(ends)):
+            close = (np.abs(ends - joints) < near) & (np.abs(inner - joints) > near)
+            ends = np.where(tangents & close, joints, ends)
+        zero, through = np.zeros(first.size), sign * lost
+        places = [ground.joint_before(ends[0]), ends[0], first, last, ends[1], ground.joint_behind(ends[1])]
+        return np.stack(places), np.stack([zero, zero, bulge, through + bulge, through, through])
+
+    def _through_joints(self, spots: Spots, which: IntArray) -> Array:
+        """Time [s] that windows (n,) take longer than the path, by the speeds at which their joints are passed."""
+        ground, push = self._ground, self._push(spots)[which]
+        feed, column = np.maximum(spots.feed[which], LEAST_FEED), spots.column[which]
+        places, added = self._knots(spots, which)
+        edges = np.stack([places[0] - BESIDE_WINDOW, *places, places[-1] + BESIDE_WINDOW])
+        points = np.array([points_along(ground.view, ground.along, one) for one in edges])
+        points[:, np.arange(which.size), column] += np.stack([added[0], *added, added[-1]])
+        ways = np.diff(points, axis=0)
+        length = np.maximum(np.linalg.norm(ways, axis=2), 1e-12)
+        units = ways / length[..., None]
+        # Blocks end at the program's own joints, too.
+        beyond = np.full((1, which.size), math.inf)
+        apart = np.concatenate([beyond, np.diff(places, axis=0), beyond])
+        before = np.minimum(places - ground.joint_before(places), apart[:-1])
+        after = np.minimum(ground.joint_behind(places) - places, apart[1:])
+        before, after = (np.maximum(one, shortest_block(feed)) for one in (before, after))
+        bound = junction_speed(ground.machine, units[:-1], units[1:], before, after, feed=feed)
+        since, beside = ground.passage.at(places[[0, -1]])
+        bound[[0, -1]] = np.minimum(bound[[0, -1]], beside)
+        own = push / self._smooth
+        gain = 2.0 * own * length[1:-1]
+        square = bound**2
+        for k in range(len(gain)):
+            square[k + 1] = np.minimum(square[k + 1], square[k] + gain[k])
+        for k in reversed(range(len(gain))):
+            square[k] = np.minimum(square[k], square[k + 1] + gain[k])
+        most = np.stack([feed, feed, np.clip(spots.window[which, 2], LEAST_FEED, feed), feed, feed]) ** 2
+        square = np.maximum(square, LEAST_FEED**2)
+        fastest = np.minimum(most, 0.5 * (square[:-1] + square[1:] + self._smooth * gain))
+        fastest = np.maximum(fastest, np.maximum(square[:-1], square[1:]))
+        peak, speed = np.sqrt(fastest), np.sqrt(square)
+        steady = np.maximum(gain - (2.0 * fastest - square[:-1] - square[1:]), 0.0) / (2.0 * own * peak)
+        time = ((2.0 * peak - speed[:-1] - speed[1:]) / own + steady).sum(axis=0)
+        inside = np.maximum(time - (since[1] - since[0]), 0.0)
+        ramps = self._ramps(places[[0, -1]], speed[[0, -1]], beside, push)
+        return np.asarray(inside + ramps + ground.longer)
 
     def of_rests(self, rests: Array, column: IntArray) -> tuple[Array, Array]:
         """Return the time [s] of crossings that take rests (n, 2) between corners, and their feeds [m/s], (n,)."""

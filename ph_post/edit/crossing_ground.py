@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from functools import cached_property
 from typing import Final
 
 import msgspec
@@ -56,10 +57,11 @@ from ph_post.gcode.program import (
     chain_heads,
     plane_columns,
 )
+from ph_post.simulate.controllers.exact_path import Passage
 from ph_post.simulate.controllers.legs import ACROSS
 from ph_post.simulate.controllers.moves import linkings, tolerance_of, tolerances, waits_for_speed
-from ph_post.simulate.controllers.run import planned_speeds
-from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
+from ph_post.simulate.controllers.run import planned_passage, planned_speeds
+from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, KlipperCorner, Machine, MarlinCorner
 from ph_post.units import MM
 
 APPROACH: Final = 2.0
@@ -197,6 +199,26 @@ class CrossingGround:
         """Return the places along the program of shares of motions (n,) [m]."""
         return self.along[motion] + share * (self.along[motion + 1] - self.along[motion])
 
+    @property
+    def slow_in_short_blocks(self) -> bool:
+        """Whether the controller passes a joint the more slowly the shorter the blocks beside it are."""
+        return isinstance(self.planner, ExactPath) and isinstance(self.planner.corner, MarlinCorner | KlipperCorner)
+
+    def joint_before(self, places: Array) -> Array:
+        """Return the last joints of the program before places along it [m]."""
+        last = np.searchsorted(self.along, places - BESIDE, side="right") - 1
+        return self.along[np.maximum(last, 0)]
+
+    def joint_behind(self, places: Array) -> Array:
+        """Return the first joints of the program behind places along it [m]."""
+        first = np.searchsorted(self.along, places + BESIDE)
+        return self.along[np.minimum(first, self.along.size - 1)]
+
+    @cached_property
+    def passage(self) -> Passage:
+        """When and how fast the program passes its places, where the controller follows the path exactly."""
+        return planned_passage(self.program, self.machine)
+
     def way(self, motion: IntArray | slice | int) -> Array:
         """Return how far motions move each axis [m], shape (..., 3); 0 where that is not known."""
         motions = self.program.motions
@@ -295,7 +317,9 @@ class CrossingGround:
         first = max(first, axis.gap.lost_motion / axis.limits.velocity, 2.0 * self.machine.servo_period)
         shape = crossing_shape(axis, first, rounding)
         if isinstance(self.planner, ExactPath):
-            return shape if shape.beyond > 0.0 else replace(shape, turn=turn, least=LINE_TIME)
+            # Where short blocks make joints slow, a joint that is divided is passed no faster.
+            whole = self.slow_in_short_blocks or shape.beyond > 0.0
+            return shape if whole else replace(shape, turn=turn, least=LINE_TIME)
         allowed = tolerances(self.program, self.planner)
         allowed = np.append(allowed[allowed > 0.0], self.rounding or math.inf)
         return shape_in_steps(shape, axis, self.machine.servo_period, allowed.min())

@@ -371,6 +371,7 @@ class SpotSearch:
         tied = ground.flat[motion] > 0.0
         wanted[tied & (wanted == 0)] = BALANCED
         passed = self._passed(spots) if (turning & constant).any() else spots.feed
+        feed = np.where(lit, spots.feed, self._reached(spots, wait))
         for number, wider in enumerate((0.0, *BEAM_COARSER)):
             if which.size:
                 window[which] = find_windows(
@@ -382,7 +383,7 @@ class SpotSearch:
                     spots.bound[which],
                     wait[which],
                     late[which],
-                    spots.feed[which],
+                    feed[which],
                     np.maximum(error, wider * finest)[which],
                     most[which],
                     wanted[which],
@@ -414,6 +415,20 @@ class SpotSearch:
         """
         exact = isinstance(self._ground.planner, ExactPath)
         return np.where(exact & (spots.rows[:, SHARE] == 1.0), self._costs.at_corners(spots), spots.feed)
+
+    def _reached(self, spots: Spots, wait: Array) -> Array:
+        """Return how fast the original is about changes (n,) [m/s], where its controller follows the path exactly.
+
+        Between corners that it passes slowly it may not come to its feed: a window for that would be too long.
+        """
+        if not isinstance(self._ground.planner, ExactPath):
+            return spots.feed
+        passage = self._ground.passage
+        way = 0.5 * wait * np.maximum(passage.at(spots.at)[1], LEAST_FEED)
+        places = np.stack([spots.at - way, spots.at + way])
+        since, until = passage.at(places)[0]
+        reached = 2.0 * way / np.maximum(until - since, 1e-12)
+        return np.asarray(np.clip(reached, np.minimum(LEAST_FEED, spots.feed), spots.feed))
 
     def _as_slow(self, spots: Spots, window: Array, passed: Array) -> BoolArray:
         """Return in which windows (n, 5) in corners a beam at constant power burns little more than it does anyway.

@@ -349,6 +349,7 @@ class CrossingPlanner:
             parts=parts,
             length=float(places[1, -1] - places[1, 0]),
             error=error,
+            late=spot.lag > 0.0,
             behind=knots.exact and not spot.calm,
         )
 

@@ -22,6 +22,14 @@ SYNCHRONISED: Final = 1e-6
 all moves before it are done, and some round every other dwell up to many times what a move of an axis takes."""
 
 
+LEFT: Final = 0.2
+"""Part of the largest offset of its axis that a reversal which counts as compensated leaves at most: rms up to the next
+reversal, of which the plain program has about half in a bend."""
+
+LOBE: Final = 8.0 / 15.0
+"""Mean square of a parabola between its zeros, as a part of its largest: so a table leaves its path in a crossing."""
+
+
 def dwell_time(pause: float) -> float:
     """Return the time [s] that is written for a rest of `pause` [s].
 
@@ -108,8 +116,8 @@ class CrossingPart(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class CrossingEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A crossing of the backlash on the fly: a stretch of path on which an axis gets its other offset.
 
-    `parts` in the order of travel; `length` of the stretch and largest `error` of the table [m]; `behind` a corner in
-    which a stop would do as well.
+    `parts` in the order of travel; `length` of the stretch and largest `error` of the table [m], if its motor is not
+    `late`; `behind` a corner in which a stop would do as well.
     """
 
     axis: str
@@ -117,7 +125,34 @@ class CrossingEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     parts: tuple[CrossingPart, ...]
     length: float
     error: float
+    late: bool = False
     behind: bool = False
+
+    @property
+    def square(self) -> float:
+        """Square of the error of the table, summed along the path [m³]; 0 of one whose motor is late."""
+        return 0.0 if self.late else LOBE * self.error**2 * self.length
+
+
+def leaves_much(square: float, way: float, amplitude: float) -> bool:
+    """Return whether crossings leave so much error at a reversal that this does not count as compensated.
+
+    Parameters
+    ----------
+    square : float
+        Sum of their :attr:`CrossingEdit.square` [m³].
+    way : float
+        Up to the next reversal [m].
+    amplitude : float
+        Largest offset of the axis [m]: the error of the plain program.
+
+    Examples
+    --------
+    >>> made = CrossingEdit(axis="X", sign=1, parts=(), length=1e-3, error=20e-6)
+    >>> leaves_much(made.square, 1e-3, 25e-6), leaves_much(made.square, 20e-3, 25e-6)
+    (True, False)
+    """
+    return square > (LEFT * amplitude) ** 2 * way
 
 
 class DipEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -305,13 +305,15 @@ def _program_mark(
         **view,
         "s": s / MM,
         "ratio": None if profile is None else profile["ratio"],
-        "notes": _left_slight(turn) if profile is None else profile["notes"],
+        "notes": _little_done(turn) if profile is None else profile["notes"],
         **({"strategy": "compensated before"} if done else {}),
     }
     return Mark(s=s, window=None if turn.window is None else (low, high), view=entry, point=point)
 
 
-def _left_slight(turn: ProgramReversal) -> tuple[str, ...]:
+def _little_done(turn: ProgramReversal) -> tuple[str, ...]:
+    if turn.coarse:
+        return ("crossed so coarsely that more than a fifth of the error is left",)
     return ("too small to count: there and back within the tolerance",) if turn.slight and not turn.compensated else ()
 
 

@@ -151,7 +151,8 @@ def test_what_gains_least_for_its_time_is_shaved_off_and_the_rest_stays(shave: f
     found, less = (
         plan_offsets(program, stepper("marlin"), dialect, one) for one in (options, replace(options, shave=shave))
     )
-    assert 0.9 * shave <= found.slowdown - less.slowdown <= 1.2 * shave
+    # Parts are left whole.
+    assert 0.9 * shave <= found.slowdown - less.slowdown <= shave + 0.003
     places, kept = (
         {(stop.motion, shift.axis) for stop in edits.stops for shift in stop.shifts if shift.whole}
         for edits in (found, less)
@@ -225,6 +226,54 @@ def test_corners_that_are_not_sharp_are_crossed_on_the_fly_where_time_is_short()
     assert found.rms is not None
     assert found.rms[1] < 0.6 * found.rms[0]
     assert found.followed > 0.65 * found.shown > 70
+
+
+def rings(count: int, sides: int) -> str:
+    """A print of round walls in lines that are as short as blocks of crossings."""
+    lines, pushed = ["G21", "G90", "M82", "G92 E0", "G0 X20 Y20 F9000"], 0.0
+    for k in range(count):
+        x, y, radius = 20.0 + 12.0 * (k % 8), 20.0 + 12.0 * (k // 8), 2.0 + 0.2 * (k % 8)
+        lines.append(f"G0 X{x + radius * math.cos(0.2):.3f} Y{y + radius * math.sin(0.2):.3f} F9000")
+        for n in range(1, sides + 1):
+            turned, pushed = 0.2 + math.tau * n / sides, pushed + 0.03
+            lines.append(
+                f"G1 X{x + radius * math.cos(turned):.3f} Y{y + radius * math.sin(turned):.3f} E{pushed:.4f} F2400"
+            )
+    return "\n".join([*lines, f"G1 E{pushed - 2.0:.4f} F2400", "G0 X0 Y0 F9000", ""])
+
+
+@pytest.mark.parametrize(
+    ("dialect", "sides", "left", "followed"),
+    [("marlin", 36, 0.25, 0.99), ("marlin", 60, 0.1, 0.99), ("klipper", 36, 0.65, 0.7), ("klipper", 60, 0.6, 0.6)],
+)
+def test_joints_that_short_blocks_make_slow_are_reckoned_where_time_is_short(
+    dialect: str, sides: int, left: float, followed: float
+) -> None:
+    """Of the error 0.50, 0.71, 0.70 and 0.82 were left, and 0.19, 0.37, 0.13 and 0.24 of the reversals followed.
+
+    Crossings were made for the feed, to which the nozzle never comes in such walls, in three steps, whose short blocks
+    the firmware passes more slowly; coarser ones seemed to take less, and took as much.
+    """
+    found = judge(Entry("print", Path("print.gcode"), dialect, rings(40, sides)))
+    assert found.time is not None
+    assert found.rms is not None
+    assert found.rms[1] < left * found.rms[0]
+    assert found.followed > followed * found.shown > 100
+    assert found.time[1] <= 1.1006 * found.time[0]
+
+
+def test_what_is_crossed_coarsely_does_not_count_as_compensated() -> None:
+    """Of a public print 99 % of the reversals were said to be compensated, and the table followed at 60 %."""
+    data = rings(40, 20).encode()
+    source = SourceBytes(name="print.gcode", stem="print", data=data)
+    found = compensated_source(source, stepper("klipper"), CompensateOptions(max_slowdown=0.25), "program", no_progress)
+    assert isinstance(found, ProgramCompensation)
+    played = compare(Judged("compensated"), "klipper", data, found.program())
+    missed = played.shown - played.followed
+    assert missed > 50
+    assert all(one.strategy != "none" for one in found.places if one.point.axis in "XY" and not one.slight)
+    assert found.reversals.compensated < found.reversals.all - 0.5 * missed
+    assert "coarse, and leave more than a fifth" in found.not_compensated
 
 
 def test_crossings_that_take_many_times_what_was_reckoned_are_made_where_there_is_time_for_them() -> None:

@@ -446,7 +446,8 @@ def test_a_crossing_that_does_not_go_through_the_backlash_is_a_stop(
         filament += 0.03
         beads.append(f"G1 X{x:.3f} Y{y:.3f} E{filament:.4f} F3000\n")
     text = f"G90\nM82\nG92 E0\nG0 X60 Y30 Z0.3 F3000\n{''.join(beads)}G0 Z5\n"
-    found = compensate(text.encode(), machine("klipper"), dialect="klipper", max_slowdown=0.5)
+    # Reckoned by the feeds alone, to which the nozzle never comes there.
+    found = compensate(text.encode(), machine("klipper"), dialect="klipper", max_slowdown=3.0)
     assert found.edits.crossings
     assert verify(found.program, reread(found.program, found.text), tolerance=5e-6, machine=machine("klipper")).ok
 

@@ -321,6 +321,42 @@ def plan_exact(
     return ExactRun(blocks, plan, math.ceil(plan.total / period - ROUNDING))
 
 
+class Passage:
+    """When and how fast a program passes places, as its controller plans it.
+
+    Parameters
+    ----------
+    blocks : StraightBlocks
+    plan : Trapezoids
+        Of the blocks.
+    along : Array, shape (m + 1,)
+        Where the motions begin, as :func:`~ph_post.gcode.motion_parts.places_along` has them [m].
+    """
+
+    def __init__(self, blocks: StraightBlocks, plan: Trapezoids, along: Array) -> None:
+        first, last = along[blocks.motion], along[blocks.motion + 1]
+        self._begin = first + blocks.share0 * (last - first)
+        self._size = np.maximum((blocks.share1 - blocks.share0) * (last - first), 1e-12)
+        self._length, self._push, self._square = blocks.length, blocks.push, plan.square
+        self._begins, self._lasts = plan.begins, plan.times.sum(axis=1)
+
+    def at(self, places: Array) -> tuple[Array, Array]:
+        """Return when [s] and how fast [m/s] places (n,) along the program are passed."""
+        if not self._begin.size:
+            return np.zeros(places.shape), np.zeros(places.shape)
+        block = np.clip(np.searchsorted(self._begin, places, side="right") - 1, 0, self._begin.size - 1)
+        length, push = self._length[block], self._push[block]
+        way = np.clip((places - self._begin[block]) / self._size[block], 0.0, 1.0) * length
+        before, most, after = np.moveaxis(self._square[block], -1, 0)
+        up, down = before + 2.0 * push * way, after + 2.0 * push * (length - way)
+        speed, fastest = np.sqrt(np.minimum(np.minimum(up, down), most)), np.sqrt(most)
+        raised = (speed - np.sqrt(before)) / push
+        steady = (fastest - np.sqrt(before)) / push + (way - 0.5 * (most - before) / push) / np.maximum(fastest, 1e-12)
+        lowered = self._lasts[block] - (speed - np.sqrt(after)) / push
+        time = np.where(up <= np.minimum(most, down), raised, np.where(down <= most, lowered, steady))
+        return self._begins[block] + time, speed
+
+
 def exact_rows(run: ExactRun, period: float, *, meet_turns: bool = False) -> tuple[Array, IntArray, Array, Array]:
     """Return position (m, 3) [m], motion and share of it in every period, and the ways (m - 1,) [m] between them.
 

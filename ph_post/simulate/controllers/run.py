@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from ph_post.bounds import MOST_SAMPLES, give_memory_back
 from ph_post.dialects.planners import planner_of
 from ph_post.drive.cascade import response_time
+from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.program import AXES, Motions, PartProgram, feed_runs
 from ph_post.simulate.controllers.chords import (
     StraightBlocks,
@@ -28,10 +29,12 @@ from ph_post.simulate.controllers.chords import (
 from ph_post.simulate.controllers.durations import check_duration, refuse_run
 from ph_post.simulate.controllers.exact_path import (
     ExactRun,
+    Passage,
     corner_limits,
     count_periods,
     exact_rows,
     plan_exact,
+    plan_trapezoids,
     steps_of,
 )
 from ph_post.simulate.controllers.further_times import with_further_times
@@ -147,6 +150,22 @@ class PlannedRun:
         return _command(position, *own_moves(program, motion, share), steps_of(position), machine)
 
 
+def planned_passage(program: PartProgram, machine: Machine) -> Passage:
+    """Return when and how fast a program passes its places, on a controller that follows the path exactly.
+
+    Parameters
+    ----------
+    program : PartProgram
+        However long it takes.
+    machine : Machine
+    """
+    limits, planner = limit_table(machine), planner_of(machine)
+    assert isinstance(planner, ExactPath)
+    program = with_further_times(with_one_zero(program), machine)
+    blocks = _blocks(program, limits, planner, machine.servo_period, check=False)
+    return Passage(blocks, plan_trapezoids(blocks, planner, limits), places_along(program.motions))
+
+
 def check_run(program: PartProgram, machine: Machine) -> None:
     """Refuse a program that takes too long to be run on a model of its controller.
 
@@ -196,9 +215,15 @@ def _planned(moves: Legs, limits: Array, period: float) -> tuple[Array, Array]:
 
 
 def _blocks(
-    program: PartProgram, limits: Array, planner: ExactPath, period: float, longest: float = math.inf
+    program: PartProgram,
+    limits: Array,
+    planner: ExactPath,
+    period: float,
+    longest: float = math.inf,
+    *,
+    check: bool = True,
 ) -> StraightBlocks:
-    """Return the blocks of an exact-path controller, if they are not too long to run.
+    """Return the blocks of an exact-path controller, if they are not too long to run, or where that is not to `check`.
 
     Of a program that takes longer than `longest` [s] they have what its time needs, however long that is.
     """
@@ -220,7 +245,7 @@ def _blocks(
     blocks = join_blocks(parts)
     pause, joined = rests_before(*stops, blocks.motion, planner)
     blocks = blocks._replace(pause=pause, joined=joined)
-    if least <= longest:
+    if check and least <= longest:
         check_duration(program, blocks.motion, blocks.length / blocks.speed + blocks.pause, period)
     return blocks
 
