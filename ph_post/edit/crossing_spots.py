@@ -417,11 +417,11 @@ class SpotSearch:
         return np.where(exact & (spots.rows[:, SHARE] == 1.0), self._costs.at_corners(spots), spots.feed)
 
     def _reached(self, spots: Spots, wait: Array) -> Array:
-        """Return how fast the original is about changes (n,) [m/s], where its controller follows the path exactly.
+        """Return how fast the original is about changes (n,) [m/s], where short blocks make joints slow.
 
-        Between corners that it passes slowly it may not come to its feed: a window for that would be too long.
+        In short lines it may not come to its feed: a window for that would be too long.
         """
-        if not isinstance(self._ground.planner, ExactPath):
+        if not self._ground.slow_in_short_blocks:
             return spots.feed
         passage = self._ground.passage
         way = 0.5 * wait * np.maximum(passage.at(spots.at)[1], LEAST_FEED)

@@ -321,40 +321,52 @@ def plan_exact(
     return ExactRun(blocks, plan, math.ceil(plan.total / period - ROUNDING))
 
 
-class Passage:
-    """When and how fast a program passes places, as its controller plans it.
+class Passage(NamedTuple):
+    """When and how fast a program passes places, as its controller plans it in n blocks.
 
-    Parameters
-    ----------
-    blocks : StraightBlocks
-    plan : Trapezoids
-        Of the blocks.
-    along : Array, shape (m + 1,)
-        Where the motions begin, as :func:`~ph_post.gcode.motion_parts.places_along` has them [m].
+    `place` (n,) is where they begin along the program [m], `begins` when [s]; `length` [m], `push` [m/s²] and `square`
+    (n, 3) [m²/s²] as of :class:`Trapezoids`.
     """
 
-    def __init__(self, blocks: StraightBlocks, plan: Trapezoids, along: Array) -> None:
-        first, last = along[blocks.motion], along[blocks.motion + 1]
-        self._begin = first + blocks.share0 * (last - first)
-        self._size = np.maximum((blocks.share1 - blocks.share0) * (last - first), 1e-12)
-        self._length, self._push, self._square = blocks.length, blocks.push, plan.square
-        self._begins, self._lasts = plan.begins, plan.times.sum(axis=1)
+    place: Array
+    begins: Array
+    length: Array
+    push: Array
+    square: Array
 
     def at(self, places: Array) -> tuple[Array, Array]:
-        """Return when [s] and how fast [m/s] places (n,) along the program are passed."""
-        if not self._begin.size:
+        """Return when [s] and how fast [m/s] places along the program are passed, the shape of those."""
+        if not self.place.size:
             return np.zeros(places.shape), np.zeros(places.shape)
-        block = np.clip(np.searchsorted(self._begin, places, side="right") - 1, 0, self._begin.size - 1)
-        length, push = self._length[block], self._push[block]
-        way = np.clip((places - self._begin[block]) / self._size[block], 0.0, 1.0) * length
-        before, most, after = np.moveaxis(self._square[block], -1, 0)
+        block = np.maximum(np.searchsorted(self.place, places, side="right") - 1, 0)
+        length, push, square = self.length[block], self.push[block], np.moveaxis(self.square[block], -1, 0)
+        way = np.clip(places - self.place[block], 0.0, length)
+        before, most, after = square
+        first, fastest, _ = np.sqrt(square)
         up, down = before + 2.0 * push * way, after + 2.0 * push * (length - way)
-        speed, fastest = np.sqrt(np.minimum(np.minimum(up, down), most)), np.sqrt(most)
-        raised = (speed - np.sqrt(before)) / push
-        steady = (fastest - np.sqrt(before)) / push + (way - 0.5 * (most - before) / push) / np.maximum(fastest, 1e-12)
-        lowered = self._lasts[block] - (speed - np.sqrt(after)) / push
-        time = np.where(up <= np.minimum(most, down), raised, np.where(down <= most, lowered, steady))
-        return self._begins[block] + time, speed
+        speed = np.sqrt(np.minimum(np.minimum(up, down), most))
+        reached = (fastest - first) / push
+        ramps = 0.5 * (2.0 * most - before - after) / push
+        lowers = reached + np.maximum(length - ramps, 0.0) / fastest
+        steady = reached + (way - 0.5 * (most - before) / push) / fastest
+        lowered = lowers + (fastest - speed) / push
+        time = np.where(up <= np.minimum(most, down), (speed - first) / push, np.where(down <= most, lowered, steady))
+        return self.begins[block] + time, speed
+
+
+def plan_passage(blocks: StraightBlocks, planner: ExactPath, limits: Array, along: Array) -> Passage:
+    """Plan blocks of which no row is wanted, however long they take; their `corner` is overwritten.
+
+    `along` (m + 1,) is where motions begin, as :func:`~ph_post.gcode.motion_parts.places_along` has them [m].
+    """
+    limit = blocks.corner
+    limit[~blocks.joined] = 0.0
+    square = _squares(blocks, limit, planner, limits)(slice(None))
+    taken = block_times(square, blocks.length, blocks.push).sum(axis=1)
+    way = np.cumsum(blocks.length) - blocks.length
+    head = np.flatnonzero(np.diff(blocks.motion, prepend=np.int32(-1)))
+    place = along[blocks.motion] + way - np.repeat(way[head], np.diff(head, append=way.size))
+    return Passage(place, np.cumsum(blocks.pause + taken) - taken, blocks.length, blocks.push, square)
 
 
 def exact_rows(run: ExactRun, period: float, *, meet_turns: bool = False) -> tuple[Array, IntArray, Array, Array]:

@@ -34,7 +34,7 @@ from ph_post.simulate.controllers.exact_path import (
     count_periods,
     exact_rows,
     plan_exact,
-    plan_trapezoids,
+    plan_passage,
     steps_of,
 )
 from ph_post.simulate.controllers.further_times import with_further_times
@@ -162,8 +162,8 @@ def planned_passage(program: PartProgram, machine: Machine) -> Passage:
     limits, planner = limit_table(machine), planner_of(machine)
     assert isinstance(planner, ExactPath)
     program = with_further_times(with_one_zero(program), machine)
-    blocks = _blocks(program, limits, planner, machine.servo_period, check=False)
-    return Passage(blocks, plan_trapezoids(blocks, planner, limits), places_along(program.motions))
+    blocks = _blocks(program, limits, planner, machine.servo_period, longest=-math.inf)
+    return plan_passage(blocks, planner, limits, places_along(program.motions))
 
 
 def check_run(program: PartProgram, machine: Machine) -> None:
@@ -215,15 +215,9 @@ def _planned(moves: Legs, limits: Array, period: float) -> tuple[Array, Array]:
 
 
 def _blocks(
-    program: PartProgram,
-    limits: Array,
-    planner: ExactPath,
-    period: float,
-    longest: float = math.inf,
-    *,
-    check: bool = True,
+    program: PartProgram, limits: Array, planner: ExactPath, period: float, longest: float = math.inf
 ) -> StraightBlocks:
-    """Return the blocks of an exact-path controller, if they are not too long to run, or where that is not to `check`.
+    """Return the blocks of an exact-path controller, if they are not too long to run.
 
     Of a program that takes longer than `longest` [s] they have what its time needs, however long that is.
     """
@@ -245,7 +239,7 @@ def _blocks(
     blocks = join_blocks(parts)
     pause, joined = rests_before(*stops, blocks.motion, planner)
     blocks = blocks._replace(pause=pause, joined=joined)
-    if check and least <= longest:
+    if least <= longest:
         check_duration(program, blocks.motion, blocks.length / blocks.speed + blocks.pause, period)
     return blocks
 
