@@ -122,8 +122,7 @@ class CrossingCosts:
         own = self._smooth * np.array([ground.machine.axes[AXES[n]].limits.acceleration for n in column.tolist()])
         lost = ground.lost[column]
         points = [points_along(ground.view, ground.along, at + side) for side in (-BESIDE_WINDOW, 0.0, BESIDE_WINDOW)]
-        ways = np.diff(np.array(points), axis=0)
-        into, out = ways / np.maximum(np.linalg.norm(ways, axis=2), 1e-12)[..., None]
+        into, out = _blocks_between(np.array(points))[0]
         across = np.zeros(into.shape)
         across[np.arange(at.size), column] = spots.rows[which, SIGN]
         bound = junction_speed(
@@ -207,9 +206,7 @@ class CrossingCosts:
         edges = [begin - BESIDE_WINDOW, begin, finish, finish + BESIDE_WINDOW]
         points = np.array([points_along(ground.view, ground.along, one) for one in edges])
         points[2:, np.arange(which.size), spots.column[which]] += spots.rows[which, SIGN] * lost
-        ways = np.diff(points, axis=0)
-        length = np.maximum(np.linalg.norm(ways, axis=2), 1e-12)
-        units = ways / length[..., None]
+        units, length = _blocks_between(points)
         length[[0, 2]] = LONG
         bound = junction_speed(ground.machine, units[:-1], units[1:], length[:-1], length[1:], feed=feed[which])
         feed, speed = feed.copy(), speed.copy()
@@ -270,9 +267,7 @@ class CrossingCosts:
         edges = np.stack([places[0] - BESIDE_WINDOW, *places, places[-1] + BESIDE_WINDOW])
         points = np.array([points_along(ground.view, ground.along, one) for one in edges])
         points[:, np.arange(which.size), column] += np.stack([added[0], *added, added[-1]])
-        ways = np.diff(points, axis=0)
-        length = np.maximum(np.linalg.norm(ways, axis=2), 1e-12)
-        units = ways / length[..., None]
+        units, length = _blocks_between(points)
         # Blocks end at the program's own joints, too.
         beyond = np.full((1, which.size), math.inf)
         apart = np.concatenate([beyond, np.diff(places, axis=0), beyond])
@@ -382,6 +377,13 @@ class CrossingCosts:
         ahead = np.where(beyond, part, np.where(onto_side, whole, pause))
         behind = np.where(cut, SETTLING * response_time(axis.servo), pause)
         return ahead, behind, np.asarray(beyond)
+
+
+def _blocks_between(points: Array) -> tuple[Array, Array]:
+    """Return directions (m - 1, n, 3) and lengths (m - 1, n) [m] of straight blocks between points (m, n, 3)."""
+    ways = np.diff(points, axis=0)
+    length = np.maximum(np.linalg.norm(ways, axis=2), 1e-12)
+    return ways / length[..., None], length
 
 
 def _between_stops(way: Array, push: Array, most: Array) -> Array:
