@@ -401,12 +401,14 @@ class CrossingPlanner:
         inner = inner[(inner > low) & (inner < high) & (np.abs(inner - s[beyond]) >= HELD * length)]
         if s[end] not in outer or s[joint] not in inner:
             return
-        way = self._written(inner, knots.added[joint])[None] - self._written(outer, knots.added[end])[:, None]
+        # A block may be shorter than the ways by which its ends may move: they stay in their order, and apart.
+        forward = math.copysign(1.0, s[joint] - s[end])
+        one, other = np.nonzero(forward * (inner - outer[:, None]) > 0.5 * shortest_block(spot.feed))
+        way = self._written(inner, knots.added[joint])[other] - self._written(outer, knots.added[end])[one]
         tangent = np.subtract(*(points_along(self._view, self._along, outer + side) for side in (step, -step)))
         tangent /= np.linalg.norm(tangent, axis=1)[:, None]
-        off = np.linalg.norm(np.cross(way, tangent[:, None]), axis=2) / np.linalg.norm(way, axis=2)
-        one, other = np.unravel_index(np.argmin(off), off.shape)
-        knots.s[end], knots.s[joint] = float(outer[one]), float(inner[other])
+        least = np.argmin(np.linalg.norm(np.cross(way, tangent[one]), axis=1) / np.linalg.norm(way, axis=1))
+        knots.s[end], knots.s[joint] = float(outer[one[least]]), float(inner[other[least]])
 
     def _written(self, s: Array, added: Array) -> Array:
         """Return the places (n, 3) [m] that are written for places along the program: shifts are rounded apart."""

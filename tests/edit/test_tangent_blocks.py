@@ -106,3 +106,14 @@ def test_of_a_helix_in_short_arcs_no_line_is_left(slowdown: float) -> None:
     legs = legs_of(found.text.decode())
     assert min(one.height for one in legs if one.mode > 1) > FLAT
     assert max(joints(legs)[3:-1]) < TANGENT
+
+
+def test_ends_of_a_block_that_is_shorter_than_their_ways_stay_in_order() -> None:
+    """A reversal a millimetre before the end of a turn, where the block before its crossing has a tenth of one."""
+    turns = "".join(f"G3 Z-{n}.879 I0.833 J-6.015\n" for n in (14, 15))
+    text = f"%\nO1\nG21 G90 G17 G94\nG0 X-1.218 Y5.956 Z5.\nG1 Z-13.879 F600\nF3000\n{turns}G0 Z5.\nM30\n%\n"
+    found = compensate(text.encode(), machine(), dialect="fanuc")
+    assert {"X+", "X-", "Y+", "Y-"} <= {f"{one.axis}{'+' if one.sign > 0 else '-'}" for one in found.edits.crossings}
+    # Not the shifts before the first cut and behind the last.
+    cuts = [leg for leg in legs_of(found.text.decode()) if leg.mode]
+    assert all(one.ends @ two.begins > 0.0 for one, two in pairwise(cuts[3:-2]))
