@@ -314,8 +314,9 @@ def _check_extrusion(case: VerifyCase, own: _Places, change: int, extruder: _Ext
     start, relative = extruder.before(old[0])
     moved, placed = _extruded(one, old, own.ends(0)[0], start, relative)
     new_moved, new_placed = _extruded(other, new, own.ends(1)[0], start, relative)
-    places = np.append(own.ends(1)[1][0], own.ends(0)[2])
-    amounts = np.append(0.0, moved)
+    # Between two motions of the original may be a way through the air.
+    places = np.append(own.ends(1)[1][0], np.stack(own.ends(0)[1:], axis=1))
+    amounts = np.append(0.0, np.stack([np.append(0.0, moved)[:-1], moved], axis=1))
     new_blocks, _, new_end = own.ends(1)
     for block, place, amount in zip(new_blocks.tolist(), new_end.tolist(), new_moved.tolist(), strict=True):
         low, high = place - own.spare, place + own.spare
