@@ -86,8 +86,9 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
         _leave_spared(search, options, need)
         found = _search_raised(search, options, 0.0)
         every = search.cost(found)
+    costs: dict[float, float] = {}
     for coarser in (1.0, *COARSER):
-        cost = every if coarser == 1.0 else search.cost(found, coarser)
+        cost = costs[coarser] = every if coarser == 1.0 else search.cost(found, coarser)
         if cost <= allowed:
             if options.shave > 0.0:
                 _shave(search, options, found, coarser, options.shave * total, need)
@@ -101,7 +102,7 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
                 short=coarser >= FINE or bool(options.spared) or options.shave > 0.0,
                 spared=options.spared,
             )
-    coarser = _coarseness(search, found)
+    coarser = _coarseness(search, costs)
     _leave_costly(search, options, coarser, allowed, need)
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
@@ -123,16 +124,16 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
     )
 
 
-def _coarseness(search: ReversalSearch, found: dict[str, Array]) -> float:
+def _coarseness(search: ReversalSearch, costs: Mapping[float, float]) -> float:
     """Return the largest error of crossings as a multiple of the least, where there is no time for all of them.
 
-    Where their joints are reckoned with it is the smallest that hardly takes longer than any other: what has to be left
-    for it is little.
+    `costs` are what they take at each [s]. On an exact path it is the smallest coarser one that hardly takes longer
+    than any other: what has to be left for it is little.
     """
     if not isinstance(search.crossings.ground.planner, ExactPath):
         return COARSER[-1]
-    costs = {coarser: search.cost(found, coarser) for coarser in COARSER}
-    return next(coarser for coarser, cost in costs.items() if cost <= (1.0 + HARDLY) * min(costs.values()))
+    least = min(costs[coarser] for coarser in COARSER)
+    return next(coarser for coarser in COARSER if costs[coarser] <= (1.0 + HARDLY) * least)
 
 
 def _leave_spared(search: ReversalSearch, options: EditOptions, need: float) -> None:

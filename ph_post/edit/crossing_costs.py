@@ -181,7 +181,7 @@ class CrossingCosts:
         """Time [s] that the windows of crossings take longer than the path, with the ramps beside them (n,).
 
         About a corner an exact path is no faster than its controller lets it, into the window and out of it; where
-        short blocks make joints slow that is so in all of them.
+        short blocks make joints slow that is so in all of them on straight moves.
         """
         feed, push = np.maximum(spots.feed, LEAST_FEED), self._push(spots)
         speed = np.where(spots.window[:, 2] > 0.0, spots.window[:, 2], feed)
@@ -191,8 +191,19 @@ class CrossingCosts:
         found = (feed - speed) ** 2 / (feed * push) + way / speed - way / feed + self._ground.longer
         which = np.flatnonzero((spots.window[:, 2] > 0.0) & (self._ground.lag[spots.column] == 0.0))
         if which.size and self._ground.slow_in_short_blocks:
-            found[which] = self._through_joints(spots, which)
+            places, added = self._knots(spots, which)
+            straight = self._on_lines(places[0], places[-1])
+            which, places, added = which[straight], places[:, straight], added[:, straight]
+            found[which] = self._through_joints(spots, which, places, added)
         return np.asarray(found)
+
+    def _on_lines(self, begin: Array, end: Array) -> BoolArray:
+        """Mask of the stretches (n,) between two places without an arc or a curve, in whose chords joints are too."""
+        ground = self._ground
+        curved = np.concatenate([[0], np.cumsum(ground.program.motions.kind != LINE)])
+        first = np.searchsorted(ground.along, begin, side="right") - 1
+        last = np.searchsorted(ground.along, end, side="left")
+        return np.asarray(curved[last] == curved[first])
 
     def _let_through(self, spots: Spots, feed: Array, speed: Array) -> tuple[Array, Array]:
         """Lower the speeds of the path beside windows about corners, and in them (n,) [m/s], to those of joints."""
@@ -218,7 +229,7 @@ class CrossingCosts:
     def _ramps(ends: Array, speed: Array, beside: Array, push: Array) -> Array:
         """Time [s] of ramps to changes between two places (2, n) [m] and from them, to speeds there (2, n) [m/s].
 
-        They lead from the speeds that the path has `beside` (2, n) [m/s], and reach halfway to the next change.
+        They lead from the speeds that the path has `beside` (2, n) [m/s], and reach halfway to the next of these.
         """
         room = np.full(ends.shape, math.inf)
         order = np.argsort(ends[0], kind="stable")
@@ -259,11 +270,13 @@ class CrossingCosts:
         places = [ground.joint_before(ends[0]), ends[0], first, last, ends[1], ground.joint_behind(ends[1])]
         return np.stack(places), np.stack([zero, zero, bulge, through + bulge, through, through])
 
-    def _through_joints(self, spots: Spots, which: IntArray) -> Array:
-        """Time [s] that windows (n,) take longer than the path, by the speeds at which their joints are passed."""
+    def _through_joints(self, spots: Spots, which: IntArray, places: Array, added: Array) -> Array:
+        """Time [s] that windows (n,) take longer than the path, by the speeds at which their joints are passed.
+
+        `places` and `added` (6, n) [m] of :meth:`_knots`, on straight moves alone.
+        """
         ground, push = self._ground, self._push(spots)[which]
         feed, column = np.maximum(spots.feed[which], LEAST_FEED), spots.column[which]
-        places, added = self._knots(spots, which)
         edges = np.stack([places[0] - BESIDE_WINDOW, *places, places[-1] + BESIDE_WINDOW])
         points = np.array([points_along(ground.view, ground.along, one) for one in edges])
         points[:, np.arange(which.size), column] += np.stack([added[0], *added, added[-1]])

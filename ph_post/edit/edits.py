@@ -135,12 +135,12 @@ class CrossingEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def leaves_much(square: float, way: float, amplitude: float) -> bool:
-    """Return whether crossings leave so much error at a reversal that this does not count as compensated.
+    """Return whether a crossing leaves so much error at a reversal that this does not count as compensated.
 
     Parameters
     ----------
     square : float
-        Sum of their :attr:`CrossingEdit.square` [m³].
+        Of the crossing there, as :attr:`CrossingEdit.square` [m³].
     way : float
         Up to the next reversal [m].
     amplitude : float

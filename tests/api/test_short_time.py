@@ -262,6 +262,63 @@ def test_joints_that_short_blocks_make_slow_are_reckoned_where_time_is_short(
     assert found.time[1] <= 1.1006 * found.time[0]
 
 
+def arcs(count: int, parts: int) -> str:
+    """A print of rings in arcs, with a way through the air between two of them."""
+    lines, pushed = ["G21", "G90", "M82", "G92 E0", "G0 X20 Y20 F9000"], 0.0
+    for k in range(count):
+        x, y, radius = 20.0 + 12.0 * (k % 8), 20.0 + 12.0 * (k // 8), 5.0
+        at = (x + radius, y)
+        lines.append(f"G0 X{at[0]:.3f} Y{at[1]:.3f} F9000")
+        for n in range(1, parts + 1):
+            turned, pushed = math.tau * n / parts, pushed + math.tau * radius / parts / 30.0
+            end = (round(x + radius * math.cos(turned), 3), round(y + radius * math.sin(turned), 3))
+            centre = f"I{x - at[0]:.3f} J{y - at[1]:.3f}"
+            lines.append(f"G3 X{end[0]:.3f} Y{end[1]:.3f} {centre} E{pushed:.4f} F2400")
+            at = end
+    return "\n".join([*lines, f"G1 E{pushed - 2.0:.4f} F2400", "G0 X0 Y0 F9000", ""])
+
+
+@pytest.mark.parametrize("parts", [1, 8])
+def test_rings_in_arcs_are_reckoned_by_their_own_joints(parts: int) -> None:
+    """A third of the error was left of rings in eighths, whose arcs were taken for one chord.
+
+    Of whole circles all was: E was held against a way that went on through the air between two of them.
+    """
+    found = judge(Entry("print", Path("print.gcode"), "marlin", arcs(40, parts)))
+    assert found.time is not None
+    assert found.rms is not None
+    assert found.rms[1] < 0.2 * found.rms[0]
+    assert found.followed > 0.99 * found.shown > 150
+    assert found.time[1] <= 1.1006 * found.time[0]
+
+
+def dwelling(pause: str) -> bytes:
+    """A print of forty arches in lines, the last of which turns back at its end, and rests there."""
+    lines = ["G21", "G90", "M83", "G0 X20 Y20 F9000"]
+    for k in range(40):
+        x, y, radius = 20.0 + 12.0 * (k % 8), 20.0 + 12.0 * (k // 8), 5.0
+        ends = [(0.5 + n / 16) * math.pi for n in range(-6, 2)]
+        places = [f"X{x + radius * math.cos(one):.3f} Y{y + radius * math.sin(one):.3f}" for one in ends]
+        lines += [f"G0 {places[0]} F9000", *(f"G1 {one} E0.03 F2400" for one in places[1:]), pause]
+    return "\n".join([*lines, "G0 X0 Y0", ""]).encode()
+
+
+@pytest.mark.parametrize("dialect", ["marlin", "klipper"])
+def test_a_rest_behind_a_crossing_does_not_make_it_quicker(dialect: str) -> None:
+    """Its time was counted as that of the path in the window: crossings seemed to take a third."""
+    plans = [
+        plan_offsets(
+            read_as(dialect, dwelling(pause), "print.gcode"),
+            stepper(dialect),
+            find_dialect(dialect),
+            EditOptions(max_slowdown=10.0),
+        )
+        for pause in ("", "G4 P500")
+    ]
+    assert [len(one.crossings) for one in plans] == [40, 40]
+    assert plans[1].slowdown == pytest.approx(plans[0].slowdown, rel=0.1)
+
+
 def test_what_is_crossed_coarsely_does_not_count_as_compensated() -> None:
     """Of a public print 99 % of the reversals were said to be compensated, and the table followed at 60 %."""
     data = rings(40, 20).encode()

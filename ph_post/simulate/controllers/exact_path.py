@@ -322,7 +322,7 @@ def plan_exact(
 
 
 class Passage(NamedTuple):
-    """When and how fast a program passes places, as its controller plans it in n blocks.
+    """When and how fast a program passes places, as its controller plans it in n blocks; dwells take no time.
 
     `place` (n,) is where they begin along the program [m], `begins` when [s]; `length` [m], `push` [m/s²] and `square`
     (n, 3) [m²/s²] as of :class:`Trapezoids`.
@@ -366,7 +366,7 @@ def plan_passage(blocks: StraightBlocks, planner: ExactPath, limits: Array, alon
     way = np.cumsum(blocks.length) - blocks.length
     head = np.flatnonzero(np.diff(blocks.motion, prepend=np.int32(-1)))
     place = along[blocks.motion] + way - np.repeat(way[head], np.diff(head, append=way.size))
-    return Passage(place, np.cumsum(blocks.pause + taken) - taken, blocks.length, blocks.push, square)
+    return Passage(place, np.cumsum(taken) - taken, blocks.length, blocks.push, square)
 
 
 def exact_rows(run: ExactRun, period: float, *, meet_turns: bool = False) -> tuple[Array, IntArray, Array, Array]:
