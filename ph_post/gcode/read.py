@@ -166,6 +166,9 @@ def _is_meant(letter: str, value: float, why: int) -> bool:
     if why in (codes.UNKNOWN_G, codes.STAYING_G):
         known = 0.0 <= value < 99.9 and codes.GROUP[round(10 * value)] >= 0
         return letter == "G" and not (known and abs(10.0 * value - round(10.0 * value)) < 1e-6)
+    if why in (codes.CYCLE, codes.THREAD) and letter == "G":
+        # Words of planes and of where to return stand on such lines, too: group 1 has the motions.
+        return 0.0 <= value < 99.9 and codes.GROUP[round(10 * value)] == 1
     if why == codes.SUBPROGRAM and letter == "G":
         return 0.0 <= value < 99.9 and codes.G_EFFECT[round(10 * value)] == codes.CALLS
     if why in (codes.UNKNOWN_M, codes.USER_M, codes.STAYING_M, codes.SUBPROGRAM, codes.SAVED_STATE):
