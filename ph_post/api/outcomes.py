@@ -180,6 +180,13 @@ _OTHER_FRAME: Final = re.compile(
 )
 """What has frames besides that are not."""
 
+_CORNERS: Final = {
+    "heidenhain": re.compile(r"\b(?:RND|CHF)\b"),
+    "siemens": re.compile(r"(?:RND|CHF|CHR)\s*="),
+    "fanuc": re.compile(r",\s*[RC]\s*[-+.\d]"),
+}
+"""What notes on rounded and chamfered corners, which are written out, have in them, by dialect."""
+
 _CUTTER: Final = "cutter compensation"
 
 
@@ -213,7 +220,12 @@ def passed_through(program: PartProgram, dialect: str, *, expand: bool = False) 
     flat = _FLAT_FRAMES.get(base)
     if flat is not None and flat.search(program.data) and not _OTHER_FRAME.search(program.data):
         known += (_TURNED,)
-    helped = [] if expanded else [note for note in notes if note.what.startswith(known)]
+    corner = _CORNERS.get(base)
+    helped = [
+        note
+        for note in notes
+        if not expanded and (note.what.startswith(known) or (corner is not None and corner.search(note.what)))
+    ]
     # What is advised has to be true of the stretch that is named.
     named = (helped or notes)[0]
     said = [f"{program.line_words(named.first)}: {named.what}"]

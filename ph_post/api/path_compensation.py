@@ -13,12 +13,13 @@ from ph_post.api.inputs import Source, analysed_job, machine_warnings
 from ph_post.api.options import CompensateOptions
 from ph_post.api.outcomes import Compensation, left_words
 from ph_post.api.results import AxisReversals, MotionResult, PlannedMotion, plan_reversals
+from ph_post.api.reversals import coarse_words
 from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.offsets import lead_in
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.standstill import standstill_warning
-from ph_post.compensate.strategies.registry import PLAIN, find_traits
+from ph_post.compensate.strategies.registry import find_traits
 from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError
 from ph_post.files.storage import SourceBytes
@@ -149,12 +150,18 @@ class PathCompensation(Compensation):
     @property
     def not_compensated(self) -> str:
         """What is not compensated, why, and what would change that; empty where all is."""
-        return left_words(self.axis_reversals, self.plan(self.output).warnings, self.notes)
+        return left_words(self.axis_reversals, self.reasons(self.output), self.notes)
+
+    def reasons(self, output: PlanOutput) -> tuple[str, ...]:
+        """Say why reversals are not compensated in an output, or not enough: sentences, with others among them."""
+        crossed = self.crossed_for(output)
+        coarse = [] if crossed is None else coarse_words(crossed.reversals, crossed.edited.edits)
+        return (*self.plan(output).warnings, *coarse)
 
     def count(self, output: PlanOutput) -> tuple[AxisReversals, ...]:
         """Count the reversals in the plan of an output by axis; none is at the rest with which a motion begins."""
         crossed = self.crossed_for(output)
-        done = None if crossed is None else {one.point.index for one in crossed.reversals if one.strategy != PLAIN}
+        done = None if crossed is None else {one.point.index for one in crossed.reversals if one.compensated}
         return plan_reversals(self.analysis.track, self.plan(output), done)
 
     def program(self) -> bytes:

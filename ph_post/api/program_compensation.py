@@ -157,10 +157,12 @@ class ProgramCompensation(Compensation):
         """What is not compensated, why, and what would change that; empty where all is."""
         if self.output == "table":
             return self.longest.not_compensated
-        edits = self.planned.edits
-        coarse = coarse_words(self.places, short=edits is not None and edits.short)
-        warnings = (*self.planned.warnings, *self.shifted.warnings, *coarse)
-        return left_words(self.axis_reversals, warnings, self.passed_through)
+        return left_words(self.axis_reversals, self.reasons, self.passed_through)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why reversals of the program are not compensated, or not enough: sentences, with others among them."""
+        return (*self.planned.warnings, *self.shifted.warnings, *coarse_words(self.places, self.planned.edits))
 
     @property
     def passed_through(self) -> tuple[str, ...]:

@@ -209,10 +209,10 @@ def count_program_reversals(found: Iterable[ProgramReversal], machine: Machine) 
     return count_reversals(((one.point.axis, one.compensated, one.cut) for one in counted), machine)
 
 
-def coarse_words(found: Iterable[ProgramReversal], *, short: bool) -> list[str]:
-    """Say of each axis at how many reversals it is crossed coarsely; where time is `short` more of it would help."""
+def coarse_words(found: Iterable[ProgramReversal], edits: Edits | None) -> list[str]:
+    """Say of each axis at how many reversals it is crossed coarsely; where time was short more of it would help."""
     counts = Counter(one.point.axis for one in found if one.coarse and not one.slight)
-    allows = "; a larger --max-slowdown allows finer ones" if short else ""
+    allows = "; a larger --max-slowdown allows finer ones" if edits is not None and edits.short else ""
     return [
         f"axis {axis} not compensated enough at {counted(count, 'reversal')}:"
         f" its crossings there are coarse, and leave more than a fifth of the error{allows}"

@@ -127,6 +127,8 @@ def command(
       error_gap      {before, after, after_worst}: what backlash adds, and if it is off by its uncertainty
       error_early    {line, behind}: the line up to which most of it is left, as nobody knows yet on which side
                      of its backlash an axis is, and what backlash adds behind it; else null
+      error_unknown  lines of cuts that are in no error, as nobody knows where an axis is, or on which side of its
+                     backlash; else null
       error_sides    {before, after}, each {left, right} [mm]: largest distances to either side of the path
       part_side      that of --part-side, else null
       reversals      {compensated, all}, of axes with backlash

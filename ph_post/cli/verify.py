@@ -38,8 +38,9 @@ def command(
     moved. Without the declared offsets and backlash take-up moves, the tool must follow the same path within
     the tolerance, every part of it once and in order. An axis may be shifted only between two dwells, by a
     rapid or by a way of a print through the air, as the direction of travel requires, and not where a tool is
-    changed, an axis is homed or probed, or the program ends. No feed may exceed that of the original. With -m,
-    shifts must respect the limits of the machine, and offsets its lost motion.
+    changed, an axis is homed or probed, or the program ends. No feed may exceed that of the original, but where
+    backlash is crossed on the fly: there the motor's way is longer, and F is higher by as much. With -m, shifts
+    must respect the limits of the machine, and offsets its lost motion.
 
     The first failures are listed, all of them with --json. Exit status 0: passed; 1: failed; 2: a program
     cannot be read. Either program may be - for standard input.

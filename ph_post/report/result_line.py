@@ -23,7 +23,7 @@ from ph_post.api.results import (
     ReversalCount,
     plan_reversals,
 )
-from ph_post.api.reversals import ProgramReversal, count_program_reversals
+from ph_post.api.reversals import ProgramReversal, coarse_words, count_program_reversals
 from ph_post.bounds import LONGEST_SIMULATED
 from ph_post.compensate.friction import friction_of_machine
 from ph_post.compensate.options import PlanOutput
@@ -31,6 +31,7 @@ from ph_post.dialects.declaration import read_declaration
 from ph_post.drive.axes import backlash_uncertainties
 from ph_post.errors import InputError, PhPostError
 from ph_post.files.check import counted
+from ph_post.gcode.paths import places_words
 from ph_post.gcode.program import PartProgram
 from ph_post.quantities import rounded_micrometres, rounded_seconds
 from ph_post.report.views import error_view, plan_view
@@ -66,6 +67,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     error by all causes is said too.
     `further` are axes beside X, Y and Z, `holes` X and Y at the holes of drilling cycles. `early` is the line, from 1,
     up to which the largest error is left though all reversals are compensated, and what backlash adds behind it.
+    `unknown` names the lines of cuts that are in no error, as the places or sides of the axes are not known there.
     """
 
     time: tuple[float, float] | None = None
@@ -85,6 +87,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     further: tuple[FurtherError, ...] = ()
     holes: tuple[FurtherError, ...] = ()
     early: tuple[int, ContourError] | None = None
+    unknown: str = ""
 
 
 def summarize(result: Compensation, output: PlanOutput | None = None, *, simulated: bool = True) -> ResultSummary:
@@ -101,7 +104,7 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
     path = result.longest if isinstance(result, ProgramCompensation) and result.output == "table" else result
     if isinstance(path, PathCompensation):
         output = output or path.output
-        rows, warnings = path.count(output), path.plan(output).warnings
+        rows, warnings = path.count(output), path.reasons(output)
         found = _simulated(*path.motions(output), path.machine, path.analysis.path.axes) if simulated else None
         crossed = path.crossed_for(output)
         leads = _led(path.plan(output)) if crossed is None else _led_in_program(crossed.edited)
@@ -110,8 +113,7 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
         notes = path.notes
     else:
         assert isinstance(path, ProgramCompensation)
-        rows, notes = path.axis_reversals, path.passed_through
-        warnings = (*path.planned.warnings, *path.shifted.warnings)
+        rows, notes, warnings = path.axis_reversals, path.passed_through, path.reasons
         moved = moved_axes(path.original)
         found = _simulated(path.before, path.after, path.machine, moved) if simulated else None
         leads = _with_friction(_led_in_program(path.edited), path.machine, moved)
@@ -126,8 +128,16 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
     shifted = _shifted(path.edited) if isinstance(path, ProgramCompensation) else ()
     found = _counted(found or ResultSummary(), rows, warnings, notes, shifted)
     if isinstance(path, ProgramCompensation) and isinstance(path.after, ProgramMotion):
-        return _with_early(found, path.after, path.places)
+        return _with_places(found, path.after, path.places)
     return found
+
+
+def _with_places(found: ResultSummary, after: ProgramMotion, reversals: Sequence[ProgramReversal]) -> ResultSummary:
+    """Add where in the program an error is not known, and up to which line a large one is left."""
+    if found.error_gap[0] is None:
+        return found
+    unknown = places_words(after.original, after.unknown_lines)
+    return _with_early(msgspec.structs.replace(found, unknown=unknown), after, reversals)
 
 
 def _with_early(found: ResultSummary, after: ProgramMotion, reversals: Sequence[ProgramReversal]) -> ResultSummary:
@@ -197,13 +207,16 @@ def summarize_program(
     summary = summarize_motions(before, after, machine, moved_axes(found.before))
     if found.done:
         return msgspec.structs.replace(summary, axes=declared_axes(found.after))
-    rows, warnings = count_program_reversals(reversals, machine), found.warnings
+    rows, warnings = (
+        count_program_reversals(reversals, machine),
+        (*found.warnings, *coarse_words(reversals, found.edits)),
+    )
     if shifted is not None:
         rows, warnings = shifted.with_reversals(rows), (*warnings, *shifted.warnings)
         summary = msgspec.structs.replace(summary, further=shifted.errors, holes=shifted.hole_errors)
     notes = passed_through(found.before, machine.dialect)
     summary = _counted(summary, rows, warnings, notes, _shifted(found))
-    return _with_early(summary, after, reversals)
+    return _with_places(summary, after, reversals)
 
 
 def declared_axes(program: PartProgram) -> tuple[str, ...]:
@@ -271,7 +284,7 @@ def result_lines(found: ResultSummary) -> list[str]:
     backlash error 47 → 2 µm max (7 if the backlash is 20 % off), 24 → 0.3 µm rms; 48.5 → 49.2 s; \
 X, Y, Z compensated, 42 of 42 reversals
     """
-    parts = [_error_words(found), *_early_words(found)]
+    parts = [_error_words(found), *_unknown_words(found), *_early_words(found)]
     if found.time is not None:
         before, after = rounded_seconds(*found.time)
         parts += [f"into the part {_into_part(found)}"] if _into_part(found) else []
@@ -281,6 +294,13 @@ X, Y, Z compensated, 42 of 42 reversals
     parts += [words for words in [_axis_words(found), *_whole_error_words(found)] if words]
     said = [f"NOT COMPENSATED: {found.left}"] if found.left else []
     return [*said, "; ".join(parts)]
+
+
+def _unknown_words(found: ResultSummary) -> list[str]:
+    """Say which cuts are in no error."""
+    if not found.unknown:
+        return []
+    return [f"without {found.unknown}, where nobody knows where an axis is, or on which side of its backlash"]
 
 
 def _early_words(found: ResultSummary) -> list[str]:
@@ -389,7 +409,8 @@ def _axis_words(found: ResultSummary) -> str:
     if found.reversals is None:
         return f"{', '.join(found.axes)} compensated" if found.axes else ""
     if not found.reversals.all:
-        return "" if found.trouble else "no axis with backlash reverses"
+        # What is passed through may have any.
+        return "" if found.trouble or found.left else "no axis with backlash reverses"
     done = f"{', '.join(found.axes)} compensated" if found.axes else "no axis compensated"
     return f"{done}, {found.reversals.compensated} of {counted(found.reversals.all, 'reversal')}"
 
@@ -422,6 +443,7 @@ def summary_view(found: ResultSummary) -> dict[str, Any]:
         "error_gap": {"before": before, "after": after, "after_worst": error_view(found.error_gap_worst)},
         "error_sides": dict(zip(("before", "after"), map(_sides, found.sides), strict=True)),
         "error_early": None if found.early is None else {"line": found.early[0], "behind": error_view(found.early[1])},
+        "error_unknown": found.unknown or None,
         "part_side": {1: "left", -1: "right"}.get(found.part_side),
         "reversals": None if found.reversals is None else found.reversals._asdict(),
         "axes": list(found.axes),

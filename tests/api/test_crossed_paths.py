@@ -124,3 +124,12 @@ def test_a_table_is_what_it_was(tmp_path, capsys):
     assert table.read_bytes() == (tmp_path / "alone.csv").read_bytes()
     assert len(re.findall(r"^(?:table|program): backlash error .* 4 of 4 reversals$", said, re.MULTILINE)) == 2
     assert "oval of PH quintics, program: compensated: X by ±0.060 mm, Y by ±0.040 mm" in said
+
+
+def test_what_is_crossed_coarsely_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in part programs; here a thousandth of the error is taken for much."""
+    monkeypatch.setattr("ph_post.edit.edits.LEFT", 1e-3)
+    found = ph.compensate("oval", "stepper", max_slowdown=0.2)
+    assert found.reversals.all == sum(REVERSALS["oval"])
+    assert found.reversals.compensated < found.reversals.all
+    assert "coarse, and leave more than a fifth" in found.not_compensated

@@ -35,6 +35,7 @@ from ph_post.files.storage import SourceBytes
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
 from ph_post.progress import no_progress
+from ph_post.report.result_line import result_lines, summarize
 from ph_post.types import Array
 from ph_post.verify.verdict import Failure, Verdict
 from ph_post.verify.verify import verify
@@ -331,6 +332,7 @@ def test_what_is_crossed_coarsely_does_not_count_as_compensated() -> None:
     assert all(one.strategy != "none" for one in found.places if one.point.axis in "XY" and not one.slight)
     assert found.reversals.compensated < found.reversals.all - 0.5 * missed
     assert "coarse, and leave more than a fifth" in found.not_compensated
+    assert result_lines(summarize(found, simulated=False))[0] == f"NOT COMPENSATED: {found.not_compensated}"
 
 
 def test_crossings_that_take_many_times_what_was_reckoned_are_made_where_there_is_time_for_them() -> None:

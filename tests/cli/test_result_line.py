@@ -114,12 +114,37 @@ def test_what_is_passed_through_is_not_compensated(part: Path, capsys: pytest.Ca
     assert not any("NOT COMPENSATED" in line for line in said[-2:])
 
 
+ROUNDED = {
+    "siemens": "N1 G17 G71 G90\nN2 G0 X0 Y0 Z10\nN3 G1 Z-1 F200\nN4 X30 F800\nN5 Y30 RND=5\nN6 X-30\nN7 Y-30\nN8 X30\n"
+    "N9 Y0\nN10 G0 Z50\nN11 M30\n",
+    "heidenhain": "BEGIN PGM T MM\nL X+0 Y+0 Z+10 R0 FMAX\nL Z-1 F200\nL X+30 F800\nRND R5\nL Y+30\nL X-30\nL Y+0\n"
+    "L X+0\nL Z+50 FMAX M2\nEND PGM T MM\n",
+}
+
+
+@pytest.mark.parametrize("dialect", ["siemens", "heidenhain"])
+def test_cuts_without_a_known_error_are_named(capsys: pytest.CaptureFixture[str], tmp_path: Path, dialect: str) -> None:
+    """Behind a corner that is passed through the error of the rest was said to be less than 0.1 µm."""
+    part = tmp_path / f"part{'.mpf' if dialect == 'siemens' else '.h'}"
+    part.write_text(ROUNDED[dialect])
+    words = ("convert", str(part), "-m", "stepper", "--dialect", dialect, "-o", str(tmp_path / "out.txt"), "--json")
+    said, out = ended(capsys, *words)
+    assert said[-2].endswith("; --expand writes it out as plain moves)")
+    assert json.loads(out)["error_unknown"] == "lines 7 to 9"
+    assert "; without lines 7 to 9, where nobody knows where an axis is, or on which side of its backlash; " in said[-1]
+    assert "no axis with backlash reverses" not in said[-1]
+    said, out = ended(capsys, *words, "--expand")
+    assert json.loads(out)["error_unknown"] is None
+    assert "without" not in said[-1]
+
+
 @pytest.mark.parametrize(
     ("dialect", "text", "way"),
     [
         ("linuxcnc", "G41 D1\nG1 X20\nG40 X30\n", "--expand --tool-table FILE works out cutter compensation"),
         ("fanuc", "M98 P100\n", "--expand writes it out as plain moves"),
         ("siemens", "LAB: G1 X20\nX30\nREPEAT LAB P2\n", "--expand writes it out as plain moves"),
+        ("fanuc", "G1 X20. F600 ,R5.\nY20.\n", "--expand writes it out as plain moves"),
         (
             "linuxcnc",
             "M300 (a macro of the shop's own)\n",

@@ -78,6 +78,8 @@ class CutPath:
         The same, with all of its places from its first zero.
     renames : bool
         Whether the program itself has other zeros in between.
+    works : BoolArray, shape (motions,)
+        Motions that are no rapids, with the beam or the extruder on.
 
     Raises
     ------
@@ -96,7 +98,7 @@ class CutPath:
         self._first_leg = np.searchsorted(self.legs.motion, np.arange(program.motions.kind.size + 1))
         self._pieces = pieces_of(self.legs)
         self._machine = machine
-        self._works = working_motions(program, machine.tool).on
+        self.works = working_motions(program, machine.tool).on & (program.motions.kind != RAPID)
         self.program = program
         self.renames = program is not written
 
@@ -156,7 +158,7 @@ class CutPath:
         Rapids of the program that the command is `moved_by` do not cut, whichever place is next to them. Behind a
         rapid an axis may be moved onto its side of the backlash before the cut begins: that is in the air.
         """
-        works = self._works[self.legs.motion.astype(np.int64)] & (self.legs.rapid == 0.0)
+        works = self.works[self.legs.motion.astype(np.int64)] & (self.legs.rapid == 0.0)
         # Nothing is blended with a cut with which a program begins: it begins where the table stands. Of one in steps
         # from wherever that is, no error is known there.
         first = int(self.legs.motion[0])

@@ -15,7 +15,7 @@ from ph_post.simulate.contour import ContourError, contour_error, settling_time
 from ph_post.simulate.controllers.counterparts import Counterparts
 from ph_post.simulate.controllers.cut_path import CutPath
 from ph_post.simulate.controllers.moves import moved_axes
-from ph_post.simulate.controllers.unknown import known_rows, rows_before
+from ph_post.simulate.controllers.unknown import known_rows, rows_before, unknown_motions
 from ph_post.simulate.machine import Runs
 from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Run, Scenario
 
@@ -47,7 +47,8 @@ class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A command beside the path of a program: where it is in every row, and whether the error counts there.
 
     `command` has the axes that move. `motion` is the number of the program's motion that every row belongs to,
-    `place` how far along the program [m], `counted` the rows of :class:`ProgramError`. `known` is what the motions
+    `place` how far along the program [m], `counted` the rows of :class:`ProgramError`. `unknown` are motions that cut,
+    of which most is not counted, as the places or sides of the axes are not known. `known` is what the motions
     stand for that its `segment` numbers, None where it numbers none, or that is not known. `runs` are those of
     the command, `distances` those of their tables from the path, and `errors` what was found of them.
     """
@@ -58,6 +59,7 @@ class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     motion: IntArray
     place: Array
     counted: BoolArray
+    unknown: IntArray
     known: Counterparts | None = None
     runs: Runs
     distances: AlikeRows
@@ -105,7 +107,8 @@ def follow_cut(
     leg, place = path.follow(command, known)
     motion, cuts = path.legs.motion[leg].astype(np.int64), path.cuts(leg, place, command, moved_by)
     counted = cuts & (command.t >= settling_time(machine, command.axes))
-    counted &= known_rows(program, motion, command.position, cuts, path.gaps(command))
+    sure = known_rows(program, motion, command.position, cuts, path.gaps(command))
+    counted &= sure
     if recorded:
         counted &= rows_before(program, path.legs.motion, path.starts, place)
     reach = path.reach(command.axes, command.position, command.period)
@@ -116,10 +119,20 @@ def follow_cut(
         motion=motion,
         place=place,
         counted=counted,
+        unknown=_unknown_cuts(path, motion[cuts], sure[cuts]),
         known=known,
         runs=Runs(command, machine),
         distances=AlikeRows(lambda table, rows: path.closest_to(command.axes, table, place[rows], reach[rows])[0]),
     )
+
+
+def _unknown_cuts(path: CutPath, motion: IntArray, sure: BoolArray) -> IntArray:
+    """Return the motions that cut without a known beginning, and those of whose rows (n,) most are not `sure` (n,)."""
+    count = path.program.motions.kind.size
+    lost = path.works & unknown_motions(path.program)
+    if not sure.all():
+        lost |= 2 * np.bincount(motion[~sure], minlength=count) > np.bincount(motion, minlength=count)
+    return np.flatnonzero(lost)
 
 
 def program_error(
