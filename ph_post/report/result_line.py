@@ -239,11 +239,11 @@ def _counted(
 ) -> ResultSummary:
     """Add to the errors and times of a summary which reversals are compensated.
 
-    An axis that is `shifted` is compensated, also where nobody knows that it reversed before.
+    An axis that is `shifted` is compensated, also where nobody knows that it reversed before, or it never does.
     """
     return msgspec.structs.replace(
         found,
-        axes=tuple(row.axis for row in rows if row.compensated or row.axis in shifted),
+        axes=tuple(dict.fromkeys([*(row.axis for row in rows if row.compensated), *shifted])),
         reversals=ReversalCount(compensated=sum(row.compensated for row in rows), all=sum(row.all for row in rows)),
         left=left_words(rows, warnings, notes),
     )

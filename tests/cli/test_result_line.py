@@ -456,3 +456,18 @@ def test_how_many_lines_are_passed_through_is_said_where_they_are_many() -> None
     (said,) = passed_through(read_program(text.encode(), "a", language=find_dialect("klipper").language), "klipper")
     assert said.startswith("2 stretches of 121 lines passed through unchanged (line 3: ")
     assert "PARK moves nothing" not in said
+
+
+def test_an_axis_with_an_offset_that_never_reverses_is_compensated(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Homed from above, and raised to the first layer, the nozzle of a print is a backlash too low."""
+    part = tmp_path / "print.gcode"
+    part.write_text(
+        "G21\nG90\nM83\nG28\nG1 Z0.2 F1200\nG1 X50 Y50 F6000\nG1 X80 E1 F1500\nG1 X50 E1\nG1 X80 E1\nG1 Z5\nG28 X\n"
+    )
+    out = tmp_path / "out.gcode"
+    said, _ = ended(capsys, "convert", str(part), "-m", "stepper", "--dialect", "marlin", "-o", str(out), "--json")
+    offsets = re.findall(r"offset ([XYZ]) ", out.read_text())
+    assert "Z" in offsets
+    assert f"; {', '.join(offsets)} compensated" in said[-1]
