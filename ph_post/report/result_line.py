@@ -207,10 +207,8 @@ def summarize_program(
     summary = summarize_motions(before, after, machine, moved_axes(found.before))
     if found.done:
         return msgspec.structs.replace(summary, axes=declared_axes(found.after))
-    rows, warnings = (
-        count_program_reversals(reversals, machine),
-        (*found.warnings, *coarse_words(reversals, found.edits)),
-    )
+    rows = count_program_reversals(reversals, machine)
+    warnings = (*found.warnings, *coarse_words(reversals, found.edits))
     if shifted is not None:
         rows, warnings = shifted.with_reversals(rows), (*warnings, *shifted.warnings)
         summary = msgspec.structs.replace(summary, further=shifted.errors, holes=shifted.hole_errors)

@@ -119,19 +119,18 @@ def follow_cut(
         motion=motion,
         place=place,
         counted=counted,
-        unknown=_unknown_cuts(path, motion[cuts], sure[cuts]),
+        unknown=_unknown_cuts(path.works & unknown_motions(program), motion[cuts], sure[cuts]),
         known=known,
         runs=Runs(command, machine),
         distances=AlikeRows(lambda table, rows: path.closest_to(command.axes, table, place[rows], reach[rows])[0]),
     )
 
 
-def _unknown_cuts(path: CutPath, motion: IntArray, sure: BoolArray) -> IntArray:
-    """Return the motions that cut without a known beginning, and those of whose rows (n,) most are not `sure` (n,)."""
-    count = path.program.motions.kind.size
-    lost = path.works & unknown_motions(path.program)
+def _unknown_cuts(lost: BoolArray, motion: IntArray, sure: BoolArray) -> IntArray:
+    """Return motions that cut and are `lost` (m,), or of whose rows (n,) most are not `sure` (n,)."""
     if not sure.all():
-        lost |= 2 * np.bincount(motion[~sure], minlength=count) > np.bincount(motion, minlength=count)
+        unsure, rows = (np.bincount(one, minlength=lost.size) for one in (motion[~sure], motion))
+        lost = lost | (2 * unsure > rows)
     return np.flatnonzero(lost)
 
 
