@@ -32,7 +32,7 @@ from ph_post.drive.axes import backlash_uncertainties
 from ph_post.errors import InputError, PhPostError
 from ph_post.files.check import counted
 from ph_post.gcode.paths import places_words
-from ph_post.gcode.program import PartProgram
+from ph_post.gcode.program import AXES, PartProgram
 from ph_post.quantities import rounded_micrometres, rounded_seconds
 from ph_post.report.views import error_view, plan_view
 from ph_post.simulate.contour import ContourError
@@ -239,9 +239,10 @@ def _counted(
 
     An axis that is `shifted` is compensated, also where nobody knows that it reversed before, or it never does.
     """
+    axes = {*(row.axis for row in rows if row.compensated), *shifted}
     return msgspec.structs.replace(
         found,
-        axes=tuple(dict.fromkeys([*(row.axis for row in rows if row.compensated), *shifted])),
+        axes=tuple(sorted(axes, key=lambda axis: (axis not in AXES, axis))),
         reversals=ReversalCount(compensated=sum(row.compensated for row in rows), all=sum(row.all for row in rows)),
         left=left_words(rows, warnings, notes),
     )

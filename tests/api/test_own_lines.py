@@ -123,7 +123,9 @@ def test_a_page_has_the_axes_beside_x_y_and_z_in_its_line(tmp_path, capsys):
         lines.append(json.loads(capsys.readouterr().out)["result_line"])
     # 0.05 deg of backlash leave half of it to either side, and A turns back behind lines 6 and 9.
     assert "A 0.025 → 0 deg max" in lines[0]
-    assert "X, Y, A compensated" in lines[0]
+    # Z never reverses, and carries an offset.
+    assert "(ph-post: offset Z " in (tmp_path / "out.ngc").read_text()
+    assert "X, Y, Z, A compensated" in lines[0]
     assert lines[1] == lines[0]
 
 
