@@ -19,6 +19,7 @@ from ph_post.edit.edits import EditOptions
 from ph_post.edit.reversals import section_spans
 from ph_post.errors import PhPostError
 from ph_post.gcode.program import PlaceArray
+from ph_post.geometry.numeric import runs
 from ph_post.simulate.assess import is_nominal, run_scenarios
 from ph_post.simulate.controllers.deviation import FollowedCut
 from ph_post.simulate.controllers.unknown import unknown_motions
@@ -118,13 +119,13 @@ class Guard:
             if max(before.time, after.time) > LONGEST_SIMULATED:
                 return GuardFinding(worse=frozenset(), slowdown=slowdown, planned=planned, simulated=False)
             one, other = self._errors, _section_errors(after)
-            stays, *runs = map(_worse_sections, one, other)
-            places, corners = _worse_places(after, one[0], other[0], stays.difference(*runs))
+            stays, *running = map(_worse_sections, one, other)
+            places, corners = _worse_places(after, one[0], other[0], stays.difference(*running))
         except (PhPostError, MemoryError):
             return None
         return GuardFinding(
-            worse=stays.union(*runs),
-            runs_on=frozenset().union(*runs) - stays,
+            worse=stays.union(*running),
+            runs_on=frozenset().union(*running) - stays,
             places=places,
             corners=corners,
             slowdown=slowdown,
@@ -191,10 +192,9 @@ def _worse_places(
     )
     rows = np.flatnonzero(np.isin(section, alone) & (apart > most[section]))
     found = np.unique(motion[rows])
-    runs = np.split(found, np.flatnonzero(np.diff(found) > 1) + 1)
     ends = (np.searchsorted(motion, motion[rows], side=side) for side in ("left", "right"))
     corners = motion[rows] - (2 * rows < sum(ends))
-    return tuple((int(run[0]), int(run[-1])) for run in runs if run.size), frozenset(corners.tolist())
+    return tuple((int(run[0]), int(run[-1])) for run in runs(found)), frozenset(corners.tolist())
 
 
 def _outweighed(one: Array, other: Array) -> BoolArray:

@@ -19,6 +19,7 @@ from ph_post.compensate.standstill import Standstill, standstills
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.drive.axes import has_backlash
 from ph_post.gcode.program import PartProgram
+from ph_post.geometry.numeric import runs
 from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress
@@ -343,14 +344,12 @@ class ProgramMotion(MotionResult):
         return _largest_sides(left_of_path(found, self.cut.path, self.original)[found.counted])
 
     @cached_property
-    def unknown_lines(self) -> tuple[tuple[int, int], ...]:
+    def uncounted_lines(self) -> tuple[tuple[int, int], ...]:
         """First and last lines (from 0) of cuts without a known error: places or sides of axes are not known there."""
         if self.assessment is None:
             return ()
-        motion = self.cut.unknown
         block = self.original.motions.block
-        runs = np.split(motion, np.flatnonzero(np.diff(motion) > 1) + 1) if motion.size else []
-        return tuple((int(block[run[0]]), int(block[run[-1]])) for run in runs)
+        return tuple((int(block[run[0]]), int(block[run[-1]])) for run in runs(self.cut.unknown))
 
     def last_motion_off(self, size: float) -> int:
         """Return the last motion of the original with a larger error [m], at the machine file's values; -1 for none."""

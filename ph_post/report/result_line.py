@@ -136,7 +136,7 @@ def _with_places(found: ResultSummary, after: ProgramMotion, reversals: Sequence
     """Add where in the program an error is not known, and up to which line a large one is left."""
     if found.error_gap[0] is None:
         return found
-    unknown = places_words(after.original, after.unknown_lines)
+    unknown = places_words(after.original, after.uncounted_lines)
     return _with_early(msgspec.structs.replace(found, unknown=unknown), after, reversals)
 
 
