@@ -151,7 +151,7 @@ def test_a_scheduler_and_two_workers_of_which_one_is_killed(start_batch, tmp_pat
 def test_ctrl_c_stops_at_once_and_a_second_run_goes_on(start_batch, tmp_path):
     folder, out = fill(tmp_path / "in", 12, bad=0), tmp_path / "out"
     run = start_batch(folder, out, "--workers", "1")
-    wait_for(lambda: len(list(out.glob("*.ngc"))) >= 2)
+    wait_for(lambda: (out / "report.csv").exists() and len(rows_of(out)) >= 2)  # a row follows its program
     os.killpg(run.pid, signal.SIGINT)
     said = run.communicate(timeout=PATIENCE)[1]
     assert run.returncode == 130, said
