@@ -554,8 +554,22 @@ def _is_aimed(task: int, why: int, present: int, flags: int, modes: Any) -> Any:
 
 
 @lean
-def _decide(block: Any, values: Any, present: int, where: Any, modes: Any, contours: bool, threads: bool) -> Any:
-    """Return what a block does: task, break, why not understood, its fault, the word."""
+def _has_sides(letter: Any, value: Any) -> Any:
+    """Return True if a program brings the cutter to a side of its contour anywhere."""
+    for word in range(letter.size):  # noqa: SIM110 - compiled
+        if letter[word] == 71 and 41.0 <= value[word] < 43.0:
+            return True
+    return False
+
+
+@lean
+def _decide(block: Any, values: Any, present: int, where: Any, modes: Any, reading: Any) -> Any:
+    """Return what a block does: task, break, why not understood, its fault, the word.
+
+    `reading` says whether contours beside which a cutter is move as they say, whether threads do, and whether the
+    program has such contours.
+    """
+    contours, threads, sided = reading
     zero, motion, flags, feed, further = block
     explicit, word = flags & EXPLICIT, -1
     task, mark, why, refused = _zero_group(zero, motion, explicit, present, modes, values)
@@ -580,6 +594,8 @@ def _decide(block: Any, values: Any, present: int, where: Any, modes: Any, conto
             why = UNUSED_WORD
     if modes[COMPENSATION] > 400.0 and not contours:
         task, why, refused = FORGET, COMPENSATED, 0
+    elif sided and modes[COMPENSATION] == UNKNOWN and (RAPID <= task <= NURBS_END or task == AIMED):
+        task, why, refused = FORGET, UNSURE_MODE, 0
     return task, mark, why, refused, word
 
 
@@ -650,7 +666,8 @@ def choose_tasks(  # noqa: C901, PLR0912
     :func:`resolve <ph_post.gcode.modes.resolve_modes>` fills; breaks, why a block is not
     understood and the words with faults are added to them, `tasks` (n,) is filled. `further` are the letters of axes
     of their own beside X, Y and Z, a bit each; with `contours` what is cut with cutter compensation moves as the
-    program says, with `threads` what is tied to the spindle. A lack of feed is said at the first cut that has none.
+    program says, with `threads` what is tied to the spindle. Where nobody knows whether the cutter is beside a contour,
+    and the program has such contours, nothing is known. A lack of feed is said at the first cut that has none.
     Words of rotary axes that stand there already count as not there.
     """
     blocks, letter, value, effects = words
@@ -658,6 +675,7 @@ def choose_tasks(  # noqa: C901, PLR0912
     values, where = np.zeros(26), np.zeros(26, np.int64)
     low, lack = 0, 0
     turned = np.full(3, np.nan)
+    reading = (contours, threads, _has_sides(letter, value))
     for block in range(end):
         high = low
         while high < blocks.size and blocks[high] == block:
@@ -676,7 +694,7 @@ def choose_tasks(  # noqa: C901, PLR0912
             more = LENIENT_LINE if stays else 0
             parts = (zeros[block], motions[block], np.int64(flags[block]) | more, feeds[block], further)
             modes = table[states[block]]
-            task, mark, why, fault, word = _decide(parts, values, present, where, modes, contours, threads)
+            task, mark, why, fault, word = _decide(parts, values, present, where, modes, reading)
             if fault in (NO_FEED, ZERO_FEED, NO_INVERSE_FEED):
                 if fault != lack and whys[block] == 0:
                     whys[block], spots[block] = QUIET + fault, -2 - word

@@ -26,7 +26,7 @@ def klartext(*blocks: str, units: str = "MM"):
 
 
 def iso(*blocks: str, units: str = "G71"):
-    lines = [f"N{10 * number} {line} *" for number, line in enumerate(blocks, 1)]
+    lines = [f"{'/' * line.startswith('/')}N{10 * n} {line.lstrip('/')} *" for n, line in enumerate(blocks, 1)]
     text = "\n".join([f"%A {units} *", *lines, f"N99999999 %A {units} *", ""])
     return read_as("heidenhain-iso", text.encode(), "a.i")
 
@@ -435,3 +435,110 @@ def test_a_part_that_is_called_again_is_left_as_it_is(call: str) -> None:
     text = f"BEGIN PGM A MM\nL X+0 Y+0 Z+2 R0 FMAX M3\n{part}L X+40 Y+9 FMAX\n{call}\nL Z+2 FMAX M30\nEND PGM A MM\n"
     found = read_as("heidenhain", text.encode(), "a.h").notes
     assert [(note.first, note.last) for note in found] == [(2, 6), (8, 8)]
+
+
+IN_FORCE = {
+    "heidenhain": ("L X+0 Y+0 R0 FMAX", "L Z-1 F100"),
+    "heidenhain-iso": ("G00 G40 G90 X+0 Y+0", "G01 Z-1 F100"),
+}
+BEHIND = {
+    "heidenhain": ("L X+10 Y+5", "L X+60", "L Y+40"),
+    "heidenhain-iso": ("G01 X+10 Y+5", "X+60", "Y+40"),
+}
+
+
+def behind(dialect: str, *blocks: str):
+    """Return the motions behind blocks: feeds [mm/min] and sides."""
+    both = {dialect: (*IN_FORCE[dialect], *blocks, *BEHIND[dialect])}
+    program, first = read(dialect, both), len(IN_FORCE[dialect]) + len(blocks) + 1
+    rows = program.motions.block >= first
+    feeds = np.round(program.motions.feed[rows] / MM_PER_MIN, 9).tolist()
+    return feeds, [program.modal_after(int(block)).compensation for block in program.motions.block[rows]]
+
+
+@pytest.mark.parametrize(
+    ("dialect", "blocks", "feed"),
+    [
+        ("heidenhain", ("L X+5 Y+5 FQ10",), math.nan),
+        ("heidenhain", ("L X+5 Y+5 FAUTO",), math.nan),
+        ("heidenhain", ("L X+5 Y+5 FZ0.1",), math.nan),
+        ("heidenhain", ("/L X+5 F300",), math.nan),
+        ("heidenhain", ("Q10 = +400", "L X+Q3 Y+5 FQ10"), 400.0),
+        ("heidenhain", ("APPR LCT X+5 Y+5 R5 R0 F300",), 300.0),
+        ("heidenhain", ("L X+5 Y+5", "DEP LT LEN10 F1000"), 1000.0),
+        ("heidenhain", ("FL X+5 F250",), 250.0),
+        ("heidenhain", ("L X+5 Y+5 FMAX M99",), 100.0),
+        ("heidenhain", ("L X+5 F500", "RND R2 F50", "L Y+9"), 500.0),
+        ("heidenhain", ("L X+5 Y+3 F500", "CT X+9 Y+9"), 500.0),
+        ("heidenhain-iso", ("G01 X+5 FQ10",), math.nan),
+        ("heidenhain-iso", ("G01 X+Q5 F300",), 300.0),
+        ("heidenhain-iso", ("G01 X+5 F500", "G25 R2 F50", "G01 Y+9"), 500.0),
+    ],
+)
+def test_the_feed_of_what_is_passed_through_stays_in_force(dialect: str, blocks: tuple[str, ...], feed: float) -> None:
+    feeds, sides = behind(dialect, *blocks)
+    assert len(feeds) == 3
+    np.testing.assert_equal(feeds, [feed] * len(feeds))
+    assert set(sides) == {"G40"}
+
+
+@pytest.mark.parametrize(
+    ("dialect", "blocks"),
+    [
+        ("heidenhain", ("L X+5 Y+5 RL FQ10",)),
+        ("heidenhain", ("/L X+5 Y+5 RL",)),
+        ("heidenhain", ("L X+1 Y+1 RL", "/L X+5 Y+5 R0")),
+        ("heidenhain", ("APPR LT X+5 Y+5 LEN10 RR F300",)),
+        ("heidenhain", ("LP PR+5 PA+3 RL",)),
+        ("heidenhain", ("CALL LBL 4",)),
+        ("heidenhain", ("CALL LBL 5",)),
+        ("heidenhain-iso", ("G01 G41 X+5 YQ1",)),
+        ("heidenhain-iso", ("/G01 G41 X+5",)),
+        ("heidenhain-iso", ("L4,0",)),
+    ],
+)
+def test_a_cutter_beside_its_contour_stays_there_whatever_brought_it(dialect: str, blocks: tuple[str, ...]) -> None:
+    labels = {
+        "heidenhain": ("M30", "LBL 4", "APPR LT X+5 Y+5 LEN10 RL", "LBL 0", "LBL 5", "CALL LBL 4", "LBL 0"),
+        "heidenhain-iso": ("M30", "G98 L4", "G01 G41 X+5 Y+5", "G98 L0"),
+    }
+    both = {dialect: (*IN_FORCE[dialect], *blocks, *BEHIND[dialect], *labels[dialect])}
+    program, first = read(dialect, both), len(IN_FORCE[dialect]) + len(blocks) + 1
+    assert not (program.motions.block >= first).any()
+
+
+@pytest.mark.parametrize(
+    ("dialect", "blocks"),
+    [
+        ("heidenhain", ("APPR LT X+5 Y+5 LEN10 RL F300", "DEP LT LEN5 F100")),
+        ("heidenhain", ("CALL LBL 6",)),
+        ("heidenhain-iso", ("G01 G41 X+5 Y+5", "G01 G40 X+Q7")),
+    ],
+)
+def test_a_cutter_has_left_its_contour_whatever_took_it_away(dialect: str, blocks: tuple[str, ...]) -> None:
+    labels = {"heidenhain": ("M30", "LBL 6", "L X+1 RL", "L X+9 R0", "LBL 0"), "heidenhain-iso": ("M30",)}
+    both = {dialect: (*IN_FORCE[dialect], *blocks, *BEHIND[dialect], *labels[dialect])}
+    program, first = read(dialect, both), len(IN_FORCE[dialect]) + len(blocks) + 1
+    assert (program.motions.block >= first).sum() >= 2
+
+
+def test_a_centre_on_a_line_that_is_passed_through_is_not_relied_on() -> None:
+    program = klartext("L X+0 Y+0 R0 F100", "CC X+10 Y+0", "/CC X+20 Y+0", "C X+20 Y+0 DR+")
+    assert (program.motions.kind != ARC).all()
+    assert any(note.what.startswith("arc about a centre that is not known") for note in program.notes)
+
+
+@pytest.mark.parametrize(
+    ("dialect", "block"),
+    [
+        ("heidenhain", "/PLANE SPATIAL SPA+0 SPB+45 SPC+0 TURN FMAX"),
+        ("heidenhain", "/CYCL DEF 10.1 ROT+35"),
+        ("heidenhain", "/L X+1 M128"),
+        ("heidenhain", "/ FUNCTION TCPM F TCP AXIS POS"),
+        ("heidenhain-iso", "/G73 G90 H+35"),
+        ("heidenhain-iso", "/M128"),
+    ],
+)
+def test_a_frame_that_may_be_turned_is_not_followed(dialect: str, block: str) -> None:
+    assert behind(dialect, block) == ([], [])
+    assert behind(dialect, "/M9")[0]

@@ -22,6 +22,7 @@ from ph_post.geometry.curves import Arc, Line
 from ph_post.geometry.ph import PH
 from ph_post.geometry.track import Track
 from ph_post.post.program import make_program
+from ph_post.units import MM_PER_MIN
 
 BEGIN = "G0 X0 Y0 Z0\nG1 F600\n"
 
@@ -208,6 +209,14 @@ def test_what_is_passed_through_is_named_and_ends_the_motion(line: str, note: st
     assert any(one.block == 3 and one.kind in ("not understood", "frame") for one in program.breaks)
     behind = np.flatnonzero(program.motions.block == 4)
     assert np.isnan(program.motions.start[behind]).all()
+
+
+@pytest.mark.parametrize("line", ["F=R2", "X5 F=R2+1", "X5 FZ=0.1"])
+def test_behind_a_feed_that_nobody_knows_places_are_known_and_the_feed_is_not(line: str) -> None:
+    program = _read(f"{BEGIN}X10 F100\n{line}\nX20 Y0\nX30\nX40 F200\nM30\n")
+    rows = program.motions.block >= 4
+    np.testing.assert_allclose(program.motions.end[rows, 0], [0.02, 0.03, 0.04])
+    np.testing.assert_allclose(program.motions.feed[rows] / MM_PER_MIN, [math.nan, math.nan, 200.0])
 
 
 @pytest.mark.parametrize("line", ["CUT2D", "LIMS=2500"])

@@ -179,3 +179,28 @@ def test_a_helix_ends_where_its_increment_says():
     assert found.reversals == found.compensated > 10
     assert found.followed == found.shown > 5
     assert 5.0 * found.rms[1] < found.rms[0]
+
+
+def test_a_contour_that_appr_begins_keeps_every_byte():
+    """APPR brings the cutter to the side of the contour: a block more in it would be one of the contour."""
+    own = (
+        "3 APPR LCT X+5 Y+5 R5 RL F300\n4 L X+5 Y+85\n5 L X+30 Y+85\n6 CR X+70 Y+95 R+30 DR-\n7 L X+95\n"
+        "8 L X+95 Y+40\n9 L X+5 Y+5\n10 DEP LCT X-20 Y-20 R5 F1000\n"
+    )
+    begin = "0 BEGIN PGM A MM\n1 L X-10 Y-10 Z+5 R0 FMAX\n2 L Z-5 F1000\n"
+    end = "11 L X-30 Y-20\n12 L X+90\n13 L X-30\n14 L Z+250 R0 FMAX M2\n15 END PGM A MM\n"
+    text = KLARTEXT.compensate((begin + own + end).encode()).text.decode()
+    assert own in text
+    assert end not in text
+
+
+def test_a_feed_that_only_the_control_knows_is_not_replaced():
+    """Q10 is set elsewhere: what is added behind the block has its feed, and not the one before it."""
+    text = (
+        "0 BEGIN PGM A MM\n1 L X-10 Y-10 Z+5 R0 FMAX\n2 L Z-2 F200\n3 L X+0 Y+0 FQ10\n4 L X+0 Y+30\n5 L X+30\n"
+        "6 L Y+0\n7 L X+0\n8 L X+20\n9 L Z+5 FMAX\n10 END PGM A MM\n"
+    )
+    found = KLARTEXT.compensate(text.encode()).text.decode()
+    behind = found[found.index("FQ10") : found.index("L Z+5")]
+    assert behind != text[text.index("FQ10") : text.index("9 L Z+5")]
+    assert re.search(r"F\s*[\d.]", re.sub(r";.*", "", behind)) is None

@@ -7,6 +7,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
+from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError
 from ph_post.gcode.read import read_program
 
@@ -392,3 +393,16 @@ def test_long_numbers_are_kept_exactly():
     assert found["Z"] == (-125, 2)
     rows = np.array([3, 4])
     assert words.digits_of(rows).tolist() == words.take(rows).digits.tolist() == [1234567890123456789, 0]
+
+
+@pytest.mark.parametrize("change", ["/G41 D1 G1 X0 Y0", "o1 if [#1]\nG41 D1\no1 endif"])
+def test_where_nobody_knows_whether_the_cutter_is_beside_its_contour_nothing_moves(change: str) -> None:
+    text = f"G21 G90 G17 G40\nG0 X-10 Y-10\nG1 Z-1 F100\n{change}\nG1 X0 Y30\nX30\nA5 X20\nG40\nG1 X1 Y1\nX9\n"
+    for contours in (False, True):
+        language = find_dialect("linuxcnc").language
+        program = read_program(text.encode(), "a.ngc", language=language.contoured() if contours else language)
+        lines = text.splitlines()
+        first, free = lines.index("G1 X0 Y30"), lines.index("G1 X1 Y1")
+        block = program.motions.block
+        assert not ((block >= first) & (block < free)).any()
+        assert (block > free).any()

@@ -14,7 +14,7 @@ from decimal import Decimal
 from typing import Final
 
 from ph_post.dialects.heidenhain.iso_table import ISO_WORD, PLAIN, IsoRows
-from ph_post.dialects.heidenhain.tnc import NotFollowed, Places, Tnc, joined, number_of
+from ph_post.dialects.heidenhain.tnc import TIP, NotFollowed, Places, StaysInForce, Tnc, joined, number_of
 from ph_post.dialects.heidenhain.tnc_source import JUMPED, REPEATED, TncLanguage, TncSource
 from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram
 
@@ -40,6 +40,27 @@ def _plain(line: str) -> str:
     return re.sub(r"\s*\*\s*$", "", line.partition(";")[0].rstrip()).strip()
 
 
+def in_force(line: str) -> StaysInForce:
+    """Return what a block leaves in force, whatever else it does.
+
+    The feed of a corner is its own. A block with a slash may be skipped.
+
+    Examples
+    --------
+    >>> in_force("N10 G01 G41 X+5 YQ1 F300")[:2], in_force("/N20 G40 X+1")[:2]
+    (('300', 'G41'), ('', None))
+    """
+    block = _Block(line.lstrip("/"))
+    codes = set(block.codes)
+    feed = "" if codes & (_CORNERS | {4}) or block.value("F") in (None, "MAX") else block.value("F") or ""
+    side = next((f"G{code}" for code in reversed(block.codes) if code in _SIDES), None)
+    pole = any(letter in _CENTRES for letter, _ in block.words)
+    if line.startswith("/"):
+        turns = bool(codes & _TURNS) or TIP in block.functions
+        return StaysInForce("AUTO" if feed else "", None if side == "G40" else side, pole, turns)
+    return StaysInForce(feed, side, pole)
+
+
 _LANGUAGE: Final = TncLanguage(
     plain=_plain,
     head=re.compile(r"%\s*(\S+)\s+G(70|71)\s*\*?\s*$"),
@@ -52,6 +73,7 @@ _LANGUAGE: Final = TncLanguage(
     },
     called=re.compile(r"(?<![A-Z])L\s*(\d+)\s*,\s*0"),
     ends=re.compile(r"G98\s*L\s*0(?!\d)"),
+    in_force=in_force,
     rows=IsoRows,
 )
 
@@ -70,9 +92,9 @@ def read_tnc_iso(
     """
     source = TncSource(data, name, _LANGUAGE)
     first, head = source.head()
-    follower = _IsoFollower(Tnc("G21" if head[2] == "71" else "G20", _ANY, resting))
+    follower = _IsoFollower(Tnc("G21" if head[2] == "71" else "G20", in_force, _ANY, resting))
     for number, text in enumerate(source.texts):
-        follower.line(text, begins=number == first)
+        follower.line(text, source.side_behind(number), begins=number == first)
     return source.program(follower.tnc, contours=contours)
 
 
@@ -128,12 +150,12 @@ class _IsoFollower:
         self._incremental: bool | None = False
         self._lost = False
 
-    def line(self, source: str, *, begins: bool) -> None:
-        """Follow one line."""
+    def line(self, source: str, side: str | None, *, begins: bool) -> None:
+        """Follow one line; `side` as of :meth:`TncSource.side_behind`."""
         bare = re.sub(r"^N\s*\d+\s*", "", source)
         if _CALL.search(source) and "G98" not in source:
             self._lost = True
-            self.tnc.lose("call or jump", bare)
+            self.tnc.lose("call or jump", bare, side)
         elif bare.startswith("%"):
             if begins:
                 self.tnc.add("")

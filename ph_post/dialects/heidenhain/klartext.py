@@ -16,7 +16,7 @@ from decimal import Decimal
 from typing import Final
 
 from ph_post.dialects.heidenhain.table import KlartextRows
-from ph_post.dialects.heidenhain.tnc import NUMBER, NotFollowed, Places, Tnc, joined, number_of
+from ph_post.dialects.heidenhain.tnc import NUMBER, NotFollowed, Places, StaysInForce, Tnc, joined, number_of
 from ph_post.dialects.heidenhain.tnc_source import JUMPED, REPEATED, TncLanguage, TncSource
 from ph_post.dialects.reading import Remark
 from ph_post.gcode.program import PartProgram
@@ -26,6 +26,9 @@ _FEED: Final = re.compile(rf"F\s*(MAX|AUTO|[ZTU]?\s*{NUMBER}|[ZTU]?\s*Q[LRS]?\d+
 _FUNCTION: Final = re.compile(r"M\s*(\d+)")
 _SIDE: Final = re.compile(r"R([0LR])\b")
 _SIDES: Final = {"0": "G40", "L": "G41", "R": "G42"}
+_PATH: Final = re.compile(r"(/?)\s*(?!LBL|CALL|CYCL|CHF|CC(?![A-Z]))(?:L|C|F[LC]|APPR|DEP|SPL)")
+"""A block of a path, which may be skipped."""
+_TURNS_OR_NOT: Final = re.compile(r"/\s*(?:PLANE\b|FUNCTION\s+TCPM\b|CYCL\s+DEF\s+(?:8|10|11|19|26)\b|.*M\s*128(?!\d))")
 _SPACE: Final = re.compile(r"[RFM](?=\s|$)|\s+")
 _RADIUS: Final = re.compile(rf"R\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
 _ANGLE: Final = re.compile(rf"(I?)PA\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
@@ -57,6 +60,28 @@ _TIP: Final = re.compile(r"FUNCTION\s+(RESET\s+)?TCPM\b")
 """Rotary axes about the tool's tip, as M128 has them (TNC 640, User's Manual, Conversational, 12, "FUNCTION TCPM")."""
 
 
+def in_force(line: str) -> StaysInForce:
+    """Return what a block of a path leaves in force, whatever else it does.
+
+    DEP ends the compensation of the radius (iTNC 530, User's Manual, Conversational, 6.3, "Approaching and departing").
+    A block with a slash may be skipped: it may change the feed, bring the cutter to a side, and turn the frame.
+
+    Examples
+    --------
+    >>> in_force("APPR LT X+5 Y+5 LEN10 RL F300")[:2], in_force("DEP LT LEN10 F1000")[:2], in_force("RND R5 F100")[:2]
+    (('300', 'G41'), ('1000', 'G40'), ('', None))
+    """
+    path, turns = _PATH.match(line), _TURNS_OR_NOT.match(line) is not None
+    if path is None:
+        return StaysInForce(pole=re.match(r"/?\s*CC(?![A-Z])", line) is not None, turns=turns)
+    feeds = [found[1] for found in _FEED.finditer(line) if found[1] not in (None, "MAX")]
+    sides = [_SIDES[side] for side in _SIDE.findall(line)] or ["G40"] * line.startswith("DEP")
+    if path[1]:
+        onto = next((side for side in sides if side != "G40"), None)
+        return StaysInForce("AUTO" if feeds else "", onto, turns=turns)
+    return StaysInForce(feeds[-1] if feeds else "", sides[-1] if sides else None)
+
+
 def _plain(line: str) -> str:
     """Return a line without its number and its comment."""
     text = re.sub(r"^\s*\d+(?=\s|$)", "", line)
@@ -75,6 +100,7 @@ _LANGUAGE: Final = TncLanguage(
     },
     called=re.compile(r"^CALL\s+LBL\s*(\"[^\"]*\"|\d+)(?:\s+REP)?$"),
     ends=re.compile(r"^LBL\s*0$"),
+    in_force=in_force,
     rows=KlartextRows,
 )
 
@@ -101,14 +127,14 @@ def read_klartext(
     else:
         begin, head = source.head()
         units = head[2]
-    follower = _KlartextFollower(Tnc("G21" if units == "MM" else "G20", resting=resting))
+    follower = _KlartextFollower(Tnc("G21" if units == "MM" else "G20", in_force, resting=resting))
     for text in source.texts[:begin]:
         if text:
             follower.tnc.lose("outside BEGIN PGM and END PGM", "")
         else:
             follower.tnc.add("")
-    for text in source.texts[begin:]:
-        follower.line(text)
+    for number in range(begin, len(source.texts)):
+        follower.line(source.texts[number], source.side_behind(number))
     return source.program(follower.tnc, contours=contours)
 
 
@@ -120,11 +146,11 @@ class _KlartextFollower:
         self._remark = ""
         self._values = False
 
-    def line(self, source: str) -> None:
-        """Follow one line."""
+    def line(self, source: str, side: str | None) -> None:
+        """Follow one line; `side` as of :meth:`TncSource.side_behind`."""
         if re.match(r"(?:CALL\s+(?:LBL|PGM)|FN\s*\d+\s*:\s*IF|SEL\s|%)", source):
             missing = re.match(r"CALL\s+PGM|SEL\s|%", source)
-            self.tnc.lose("missing program" if missing else "call or jump", source)
+            self.tnc.lose("missing program" if missing else "call or jump", source, side)
             return
         self.tnc.line(source, lambda: self._translated(source))
 

@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from decimal import Decimal
-from typing import Final
+from typing import Final, NamedTuple
 
 from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark
 from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES
@@ -44,8 +44,9 @@ M117), their way round (M126, M127) and which of them swivel (M138), spare tools
 the tool's centre again (M111), stops where rotary axes turn (M134, M135), the touch probe (M141), and what happens at
 a stop (M148, M149)."""
 
-_TIP: Final = 128
+TIP: Final = 128
 """Rotary axes turn about the tool's tip up to M129: X, Y and Z may be those of a table that has turned."""
+_FUNCTION: Final = re.compile(r"(?<![A-Z])M\s*(\d{1,4})(?!\d)")
 _FEEDS_A_TURN: Final[Mapping[int, str]] = {136: "G95", 137: "G94"}
 
 _WHOLE: Final = 1e-9
@@ -59,11 +60,13 @@ KLARTEXT_POLAR: Final = re.compile(r"[CL]P\b|C\b")
 _MOVES: Final = re.compile(r"(?:^| )G[0-3] ")
 """A translated line that moves."""
 
-_FEED: Final = re.compile(rf"(?:L|C)[A-Z]?\b.*?(?<![A-Z])F\s*({NUMBER}|Q[LRS]?\d+)")
-"""A feed in a block that moves, which stays in force whatever else is in it."""
+_FEED_WORD: Final = re.compile(r"(?<!\S)F\S+")
 
 _STEP: Final[Mapping[str, Decimal]] = {"G21": Decimal("0.0001"), "G20": Decimal("0.00001")}
 """Ends that follow from angles are rounded to what a program can say: blocks behind them name the same places."""
+
+UNKNOWN_FEED: Final = "F#1"
+"""A feed that only the control knows, in RS274."""
 
 _CALLS: Final = frozenset((89, 99))
 _MODAL_CALL: Final = re.compile(r"M\s*0*89(?!\d)")
@@ -71,6 +74,19 @@ _MODAL_CALL: Final = re.compile(r"M\s*0*89(?!\d)")
 
 Places = dict[str, tuple[bool, Decimal | None]]
 """By axis: whether it is incremental, and the number, None where that is computed."""
+
+
+class StaysInForce(NamedTuple):
+    """What a block leaves in force, whatever else is in it.
+
+    Its feed as it stands there, empty for none; the word of the side on which the cutter is (G40, G41 or G42), None
+    where it says none; whether it names a circle's centre; and whether it turns the frame or not, as it may be skipped.
+    """
+
+    feed: str = ""
+    side: str | None = None
+    pole: bool = False
+    turns: bool = False
 
 
 class NotFollowed(Exception):  # noqa: N818 - nothing is wrong with the program
@@ -104,6 +120,8 @@ class Tnc:
     ----------
     units : str
         G20 or G21.
+    in_force : callable
+        ``in_force(line)``: what a line that is passed through leaves in force.
     polar : pattern
         What may use the pole, of what is passed through.
     resting : frozenset of int
@@ -128,9 +146,13 @@ class Tnc:
     """
 
     def __init__(
-        self, units: str, polar: re.Pattern[str] = KLARTEXT_POLAR, resting: frozenset[int] = frozenset()
+        self,
+        units: str,
+        in_force: Callable[[str], StaysInForce],
+        polar: re.Pattern[str] = KLARTEXT_POLAR,
+        resting: frozenset[int] = frozenset(),
     ) -> None:
-        self._polar, self._resting = polar, _RESTING | resting
+        self._in_force, self._polar, self._resting = in_force, polar, _RESTING | resting
         self.texts: list[str] = []
         self.remarks: dict[int, Remark] = {}
         self.tool_axis = "Z"
@@ -168,13 +190,26 @@ class Tnc:
                 self.users[len(self.texts)] = self._pole_line
             column = source.find(found.text) + 1 if found.text else 1
             self.remarks[len(self.texts)] = Remark(what=str(found), column=max(column, 1))
-            feed = _FEED.match(source)
-            number = None if feed is None else number_of(feed[1]) or self.parameters.get(feed[1])
-            if number is not None and feed is not None and number_of(feed[1]) is None:
-                self.feeds[len(self.texts)] = number
-            text = joined("" if number is None else f"F{number}", self._frame, FORGOTTEN)
+            feed = self._left_in_force(source)
+            text = joined(feed, self._frame, FORGOTTEN)
         self._frame = ""
         self.add(text)
+
+    def _left_in_force(self, source: str) -> str:
+        """Take the side that a line leaves in force which is passed through, and return the word of its feed."""
+        feed, side, pole, turns = self._in_force(source)
+        self.side = self.side if side is None else side
+        if turns:
+            self._frame = self.turned("/", on=True)
+        if pole:
+            self._pole, self._pole_line = dict.fromkeys(AXES), None
+        for number in _FUNCTION.findall(source):
+            self._per_turn(int(number))
+        if feed in self.parameters:
+            self.feeds[len(self.texts)] = self.parameters[feed]
+            return f"F{self.parameters[feed]}"
+        plain = re.fullmatch(NUMBER, feed)
+        return f"F{number_of(feed)}" if plain else UNKNOWN_FEED if feed else ""
 
     def add(self, text: str) -> None:
         """Add the translation of a line."""
@@ -182,8 +217,9 @@ class Tnc:
         self._states.append(f"{self._units} G90 {plane} G90.1 {self._feeds} {self.side}")
         self.texts.append(text)
 
-    def lose(self, what: str, text: str) -> None:
-        """Write a line after which nothing is known: a call, a jump."""
+    def lose(self, what: str, text: str, side: str | None = None) -> None:
+        """Write a line after which nothing is known: a call, a jump; what it calls may leave the cutter on a side."""
+        self.side = self.side if side is None else side
         self.forget(AXES)
         self.remarks[len(self.texts)] = Remark(what=f"{what}: {text}" if text else what)
         self.add(NOT_UNDERSTOOD)
@@ -308,14 +344,18 @@ class Tnc:
             if number in _CALLS:
                 self._called = False
                 raise NotFollowed("call of a cycle", f"M{number}")
-            if number == _TIP or (number == _TIP + 1 and f"M{_TIP}" in self._turned):
-                self._frame = self.turned(f"M{_TIP}", number == _TIP)
+            if number == TIP or (number == TIP + 1 and f"M{TIP}" in self._turned):
+                self._frame = self.turned(f"M{TIP}", number == TIP)
                 raise NotFollowed("rotary axes about the tool's tip", f"M{number}")
-            if number in _FEEDS_A_TURN:
-                self._feeds = _FEEDS_A_TURN[number] if self._units == "G21" else "G95"
-            elif number not in (*_FUNCTIONS, *_MACHINE, *self._resting, _TIP + 1):
+            self._per_turn(number)
+            if number not in (*_FEEDS_A_TURN, *_FUNCTIONS, *_MACHINE, *self._resting, TIP + 1):
                 raise NotFollowed("unknown M function", f"M{number}")
         return [_FUNCTIONS[number] for number in functions if number in _FUNCTIONS]
+
+    def _per_turn(self, number: int) -> None:
+        """Follow an M function with which F is for a turn of the spindle, or for a minute again."""
+        if number in _FEEDS_A_TURN and self._units == "G21":
+            self._feeds = _FEEDS_A_TURN[number]
 
     def tool(self, axis: str | None, number: str | None, rest: str) -> str:
         """Call a tool, or change its axis or speed."""
@@ -355,13 +395,18 @@ class Tnc:
         for number in range(self._plane_moved, len(self.texts)):
             if _MOVES.search(self.texts[number]) and number not in self.remarks:
                 self.remarks[number] = Remark(what=f"move from which a tangential one goes on: {text}")
-                self.texts[number] = FORGOTTEN
+                self._forget_line(number)
         self._plane_moved = len(self.texts)
 
     def corner(self, text: str) -> None:
         """Forget the end of the move before, which is rounded or chamfered."""
         if self._moved is not None and self._moved not in self.remarks:
             self.remarks[self._moved] = Remark(what=f"move whose end is cut off: {text}")
-            self.texts[self._moved] = FORGOTTEN
+            self._forget_line(self._moved)
         self._cut = True
         raise NotFollowed("rounded or chamfered corner", text)
+
+    def _forget_line(self, number: int) -> None:
+        """Pass a line through that was followed; its feed stays in force."""
+        feed = _FEED_WORD.search(self.texts[number])
+        self.texts[number] = joined("" if feed is None else feed[0], FORGOTTEN)

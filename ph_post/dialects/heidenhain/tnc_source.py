@@ -6,12 +6,13 @@ import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
 from decimal import Decimal
+from functools import cached_property
 from typing import Final, Protocol
 
 import msgspec
 from msgspec.structs import replace
 
-from ph_post.dialects.heidenhain.tnc import Tnc
+from ph_post.dialects.heidenhain.tnc import StaysInForce, Tnc
 from ph_post.dialects.reading import NOT_UNDERSTOOD, XYZ_ONLY, Remark, line_error, read_translated, text_of
 from ph_post.errors import InputError, printable
 from ph_post.gcode.program import PartProgram, WordTable
@@ -20,6 +21,9 @@ from ph_post.gcode.words import lines_of
 _ROOM: Final = 1000
 _FOREIGN: Final = re.compile(rf"(?![^\W\d])[^\x00-\x7f]|\d{{{_ROOM},}}")
 """Blanks, digits and signs that no control knows, all but letters of names; numbers longer than it has room for."""
+
+_NESTED: Final = 20
+"""Calls within calls that no control follows any more."""
 
 REPEATED: Final = "repeated part"
 JUMPED: Final = "part that is jumped over or back to"
@@ -54,6 +58,8 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
         first group, its name the last.
     called, ends : pattern
         Of a call that comes back, its label as of `calls`, and of the label that ends what is called.
+    in_force : callable
+        ``in_force(line)``: what a line leaves in force.
     rows : callable
         Makes the rows of a word table.
     """
@@ -66,6 +72,7 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
     calls: Mapping[str, re.Pattern[str]]
     called: re.Pattern[str]
     ends: re.Pattern[str]
+    in_force: Callable[[str], StaysInForce]
     rows: Callable[[], TncRows]
 
 
@@ -100,6 +107,10 @@ class TncSource:
         self._data, self._name, self._lines, self._language = data, name, lines_of(data, name), language
         whole = (text_of(data, self._lines, number) for number in range(self._lines.size - 1))
         self.texts = [language.plain(_own(line.upper().decode("utf-8", "replace"))) for line in whole]
+        self._sides_left: dict[int, str | None] = {}
+        self._set_at = [language.label.search(text) for text in self.texts]
+        self._labels = {found[1]: number for number, found in enumerate(self._set_at) if found}
+        self._ends = [number for number, text in enumerate(self.texts) if language.ends.search(text)]
 
     def head(self) -> tuple[int, re.Match[str]]:
         """Return the number of the line with which the program begins, and its match as a head.
@@ -153,21 +164,45 @@ class TncSource:
             },
         )
 
+    def side_behind(self, number: int) -> str | None:
+        """Return the side on which the cutter is behind a line that calls a label; None where it is as it was."""
+        called = self._called_by(number)
+        return None if called is None else self._side_left(*called, deep=0)
+
+    def _side_left(self, first: int, last: int, deep: int) -> str | None:
+        """Return the side that lines leave the cutter on, with what they call; None where they say none."""
+        if first in self._sides_left or deep == _NESTED:
+            return self._sides_left.get(first)
+        side: str | None = None
+        for number in range(first, last + 1):
+            called = self._called_by(number)
+            found = self._own_sides[number] if called is None else self._side_left(*called, deep=deep + 1)
+            side = found or side
+        self._sides_left[first] = side
+        return side
+
+    @cached_property
+    def _own_sides(self) -> list[str | None]:
+        return [self._language.in_force(text).side for text in self.texts]
+
+    def _called_by(self, number: int) -> tuple[int, int] | None:
+        """Return the first and the last line of what a line calls that comes back; None where it calls nothing."""
+        away = None if self._set_at[number] else self._language.called.search(self.texts[number])
+        begin = None if away is None else self._labels.get(away[1])
+        if begin is None:
+            return None
+        return begin, [*self._ends, len(self.texts) - 1][bisect_right(self._ends, begin)]
+
     def _stretches(self) -> Iterator[tuple[int, int, str]]:
         """Find the lines that repeats run more than once, and jumps perhaps not, or more than once."""
-        set_at = [self._language.label.search(text) for text in self.texts]
-        labels = {found[1]: number for number, found in enumerate(set_at) if found}
-        ends = [number for number, text in enumerate(self.texts) if self._language.ends.search(text)]
         for number, text in enumerate(self.texts):
-            away = None if set_at[number] else self._language.called.search(text)
-            if away is not None and away[1] in labels:
-                begin = labels[away[1]]
-                yield begin, [*ends, len(self.texts) - 1][bisect_right(ends, begin)], _CALLED
+            if (called := self._called_by(number)) is not None:
+                yield *called, _CALLED
             for what, pattern in self._language.calls.items():
-                call = None if set_at[number] else pattern.search(text)
+                call = None if self._set_at[number] else pattern.search(text)
                 if call is None:
                     continue
-                place = labels.get(call.groups()[-1])
+                place = self._labels.get(call.groups()[-1])
                 if place is None:
                     # The control stops here.
                     yield number, len(self.texts) - 1, f"label that is not known: {call[1]}"

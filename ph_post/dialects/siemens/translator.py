@@ -34,6 +34,9 @@ _QUIET: Final = re.compile(r"[NTDSHM]\d*|ACC\[.*\]")
 _CENTERS: Final = tuple(CENTERS.values())
 _TOOL_CHANGE: Final = 6
 _SPEEDS: Final = frozenset("ST")
+_FEEDS: Final = frozenset(("F", "FZ"))
+"""Feeds that a line leaves in force although nobody knows their number: computed, or for a tooth."""
+
 _TANGENTIAL: Final = "CT"
 _ROUNDINGS: Final = frozenset(("RND", "CHF", "CHR", "RNDM"))
 """Corners that are rounded or chamfered: behind the block, with RNDM behind all."""
@@ -276,7 +279,9 @@ class _Line:
         elif word.name in _ROUNDINGS:
             self._round(word)
         elif word.name not in tables.QUIET_NAMES and not _QUIET.fullmatch(word.name):
-            modal = word.name in ("F", "L") or word.name.startswith("$")
+            modal = word.name == "L" or word.name.startswith("$")
+            if word.name in _FEEDS and not self.dwell:
+                self.parts.append("F#1")
             if not (self.home and re.fullmatch(r"[A-Z]\d", word.name)):
                 self._refuse(word, NOT_UNDERSTOOD if modal else FORGOTTEN)
 
