@@ -296,6 +296,7 @@ def test_a_nurbs_that_the_control_would_refuse_is_named(body: str, told: str) ->
     program = read(body + "G1 X30. Y3.\n")
     assert [note.what for note in program.notes] == [told]
     assert not (program.motions.kind == NURBS).any()
+    assert np.isnan(program.motions.feed[-1]), "its F stays in force, and was not read"
 
 
 def test_a_move_without_knots_in_nurbs_mode_is_not_taken_for_a_straight_one() -> None:

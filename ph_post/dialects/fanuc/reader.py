@@ -96,7 +96,7 @@ class NurbsBlocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Put straight moves to the ends of the spans in the place of the lines; the curves follow later."""
         for number in range(self.first, self.last + 1):
             if self.why and texts[number].strip():
-                texts[number] = FORGOTTEN.encode()
+                texts[number] = f"{FORGOTTEN} F#1".encode() if number == self.first else FORGOTTEN.encode()
                 remarks[number] = Remark(what=self.why)
             elif not self.why:
                 texts[number] = b""
