@@ -18,6 +18,7 @@ from ph_post.expand.klartext_cycles import OF_THEIR_OWN, KlartextCycle, values_o
 from ph_post.expand.klartext_lines import (
     ENDS,
     IN_INCHES,
+    OWN_FEED,
     SIDE,
     KlartextBlock,
     KlartextStore,
@@ -48,6 +49,10 @@ _ODD_FLOW: Final = re.compile(r"CALL\s+LBL|FN\s*(?:9|10|11|12)\s*:|GOTO\b")
 _ASSIGNED: Final = re.compile(r"(?<![A-Z])(Q[LR]?\d+)\s*=")
 _MOVES: Final = re.compile(r"(?:LP|LN|L|CTP|CT|CC|CR|CP|C|APPR|DEP|RND|CHF)(?![A-Z]|\s*=)|L(?=I?[XYZ]\s*[-+\d.Q])")
 _FEED: Final = re.compile(r"(?<![A-Z])F\s*(MAX|AUTO|[ZTU]?\s*[-+]?(?:[\d.,]+|Q[LR]?\d+))")
+_CORNER: Final = re.compile(r"(?:RND|CHF)(?![A-Z])")
+"""A corner, whose feed is its own."""
+_PER_TURN: Final = re.compile(r"(?<![A-Z\d])M\s*136(?!\d)")
+_PER_MINUTE: Final = re.compile(r"(?<![A-Z\d])M\s*137(?!\d)")
 _TOOL: Final = re.compile(r"TOOL\s+CALL\b\s*(?:\"[^\"]*\"|Q[LRS]?\d+|[\d.]+)?\s*([XYZ])\b")
 _USED: Final = re.compile(r"(I?[XYZABCUVW]|I?P[AR]|(?<![A-Z])[A-Z]{1,2})?(\s*)([-+]?)Q([LR]?)(\d+)(?!\d|\s*=)")
 _PLACED: Final = frozenset("XYZABCUVW")
@@ -97,6 +102,7 @@ class KlartextRunner:
         self._axis = "Z"
         self._feed: str | None = ""
         self._side = "0"
+        self._per_turn = False
         self._modal = any(_MODAL_CALL.search(block.words) for block in self._blocks)
         self._inch = any(IN_INCHES.match(block.words) for block in self._blocks[:3])
         self._rest: dict[str, float] = {}
@@ -239,7 +245,8 @@ class KlartextRunner:
         tool, side = _TOOL.match(words), SIDE.search(words)
         self._axis = tool[1] if tool else self._axis
         self._side = side[1] if side else self._side
-        for feed in _FEED.finditer(text):
+        self._per_turn = bool(_PER_TURN.search(words)) or (self._per_turn and not _PER_MINUTE.search(words))
+        for feed in () if _CORNER.match(words) else _FEED.finditer(OWN_FEED.sub(" ", text)):
             if feed[1] != "MAX":
                 self._feed = None if "Q" in feed[1] else feed[0]
         written = self._drilled(block) if _CYCLE_CALL.search(words) else None
@@ -304,6 +311,8 @@ class KlartextRunner:
                 raise NotExpandableError("feed, radius compensation or the tool's axis are not known, or it is on")
             if self._inch:
                 raise NotExpandableError("the program is in inches")
+            if self._per_turn:
+                raise NotExpandableError("F is a turn of the spindle (M136)")
             if _AT_THE_END.search(block.words):
                 raise NotExpandableError("an M function at the end of the block that calls it")
             for key, value in self._cycle.values.items():

@@ -22,7 +22,10 @@ ENDS: Final = re.compile(r"(?<![A-Z\d])M\s*0*(?:2|30)(?!\d)|^END\s+PGM")
 
 IN_INCHES: Final = re.compile(r"BEGIN\s+PGM\b.*\bIN(?:CH\b|$)")
 
-SIDE: Final = re.compile(r"(?<![A-Z])R([0LR])(?![\d.])")
+OWN_FEED: Final = re.compile(r"(?<![A-Z])M\s*(?:103|128)\s*F\s*\S+")
+"""F behind M103 is a share of the feed, and behind M128 that of the moves by which rotary axes are followed (iTNC 530,
+User's Manual, Conversational, 11)."""
+SIDE: Final = re.compile(r"(?<![A-Z])R([0LR])(?![\w.,])")
 """The cutter's side, in the words of a block."""
 
 _LEAD: Final = re.compile(r"\s*(?:\d+(?=\s|$|/))?\s*(/?)\s*")

@@ -470,6 +470,19 @@ def behind(dialect: str, *blocks: str):
         ("heidenhain", ("L X+5 Y+5 FMAX M99",), 100.0),
         ("heidenhain", ("L X+5 F500", "RND R2 F50", "L Y+9"), 500.0),
         ("heidenhain", ("L X+5 Y+3 F500", "CT X+9 Y+9"), 500.0),
+        ("heidenhain", ("L Z-2 F50 M91",), 50.0),
+        ("heidenhain", ("TOOL CALL 2 Z S900 F70",), 70.0),
+        ("heidenhain", ("TOOL CALL 2 Z S900 FQ5",), math.nan),
+        ("heidenhain", ("TOOL CALL 2 Z S900 FU0.5",), math.nan),
+        ("heidenhain", ("/TOOL CALL 2 Z S900 F50",), math.nan),
+        ("heidenhain", ("L X+20 Y+50 R0 F500 M103 F20",), 500.0),
+        ("heidenhain", ("Q1 = +300", "/FN 0: Q1 = 50", "L X+5 Y+5 FQ1"), math.nan),
+        ("heidenhain", ("Q1 = +300", "FN 18: SYSREAD Q1 = ID50 NR1 IDX0", "L X+5 Y+5 FQ1"), math.nan),
+        ("heidenhain", ("CALL SELECTED PGM",), math.nan),
+        ("heidenhain", ("CYCL DEF 12.0 PGM CALL", "CYCL DEF 12.1 PGM SUB", "CYCL CALL"), math.nan),
+        ("heidenhain", ("/CALL LBL 7",), math.nan),
+        ("heidenhain-iso", ("G01 Z-2 F50 M91",), 50.0),
+        ("heidenhain-iso", ("T2 G17 S900 F70", "G01"), 70.0),
         ("heidenhain-iso", ("G01 X+5 FQ10",), math.nan),
         ("heidenhain-iso", ("G01 X+Q5 F300",), 300.0),
         ("heidenhain-iso", ("G01 X+5 F500", "G25 R2 F50", "G01 Y+9"), 500.0),
@@ -492,6 +505,10 @@ def test_the_feed_of_what_is_passed_through_stays_in_force(dialect: str, blocks:
         ("heidenhain", ("LP PR+5 PA+3 RL",)),
         ("heidenhain", ("CALL LBL 4",)),
         ("heidenhain", ("CALL LBL 5",)),
+        ("heidenhain", ("/CALL LBL 4",)),
+        ("heidenhain", ("L X+5 Y+5 RL", "FC DR+ R0.5")),
+        ("heidenhain", ("L X+5 Y+5 RL", "LP PR0.5 PA+20")),
+        ("heidenhain", ("L X+5 Y+5 RL", "FN 9: IF +Q5 EQU +1 GOTO LBL 9", "L X+3 R0", "LBL 9")),
         ("heidenhain-iso", ("G01 G41 X+5 YQ1",)),
         ("heidenhain-iso", ("/G01 G41 X+5",)),
         ("heidenhain-iso", ("L4,0",)),
@@ -542,3 +559,69 @@ def test_a_centre_on_a_line_that_is_passed_through_is_not_relied_on() -> None:
 def test_a_frame_that_may_be_turned_is_not_followed(dialect: str, block: str) -> None:
     assert behind(dialect, block) == ([], [])
     assert behind(dialect, "/M9")[0]
+
+
+@pytest.mark.parametrize(
+    ("on", "off"),
+    [
+        (("TRANS ROTATION ROT+45",), ("TRANS ROTATION RESET",)),
+        (("TRANS MIRROR AXIS X",), ("TRANS MIRROR RESET",)),
+        (("FUNCTION PARAXMODE X Y W",), ("FUNCTION PARAXMODE OFF",)),
+        (("M114",), ("M115",)),
+        (("M144",), ("M145",)),
+        (("M128 F1000",), ("M129",)),
+        (("LN X+50 Y+40 Z-1 NX+0 NY+0 NZ+1 F200 M128",), ("M129",)),
+        (("L X+5 Y+5 FAUTO M128",), ("M129",)),
+        (("APPR LT X+40 Y+50 LEN10 R0 F200 M128",), ("L X+0 M129",)),
+        (("CALL LBL 5",), ("CYCL DEF 10.0 ROT", "CYCL DEF 10.1 ROT+0")),
+        (("LBL 3", "CYCL DEF 10.0 ROT", "CYCL DEF 10.1 IROT+30", "CALL LBL 3 REP 5"), ("CYCL DEF 10.1 ROT+0",)),
+        (("FN 9: IF +Q1 EQU +0 GOTO LBL 6", "PLANE SPATIAL SPA+0 SPB+9 SPC+0 STAY", "LBL 6"), ("PLANE RESET STAY",)),
+        (("CYCL DEF 10.0 ROT", "CYCL DEF 10.1 ROT+Q1", "CYCL DEF 10.1 IROT+0"), ("CYCL DEF 10.1 ROT+0",)),
+    ],
+)
+def test_a_turned_frame_is_seen_wherever_it_stands(on: tuple[str, ...], off: tuple[str, ...]) -> None:
+    sub = ("M30", "LBL 5", "CYCL DEF 10.0 ROTATION", "CYCL DEF 10.1 ROT+45", "LBL 0")
+    for blocks, known in ((on, 0), ((*on, *off), 3)):
+        first = len(IN_FORCE["heidenhain"]) + len(blocks) + 1
+        program = klartext(*IN_FORCE["heidenhain"], *blocks, *BEHIND["heidenhain"], *sub)
+        assert (program.motions.block >= first).sum() == known
+
+
+def test_a_subprogram_that_ends_its_turn_leaves_the_frame() -> None:
+    sub = ("M30", "LBL 5", "CYCL DEF 10.1 ROT+45", "L X+1", "CYCL DEF 10.1 ROT+0", "LBL 0")
+    program = klartext(*IN_FORCE["heidenhain"], "CALL LBL 5", *BEHIND["heidenhain"], *sub)
+    assert (program.motions.block >= 4).sum() == 3
+
+
+@pytest.mark.parametrize(
+    "call", ["/CALL LBL 3 REP 5", "CALL LBL 3 REP Q5", "CALL LBL QS1 REP 5", "FN 12: IF +Q1 LT +5 GOTO LBL QS1"]
+)
+def test_what_any_call_may_repeat_is_passed_through(call: str) -> None:
+    program = klartext("L X+50 Y+50 R0 F200", "LBL 3", "L IX-10", "L IX+5", call, "L X+0 Y+0", "L X+9")
+    assert not np.isin(program.motions.block, (2, 3, 4, 5)).any()
+
+
+@pytest.mark.parametrize(
+    ("dialect", "corner"), [("heidenhain", "/RND R5"), ("heidenhain", "/ CHF 5"), ("heidenhain-iso", "/G25 R5")]
+)
+def test_a_corner_that_may_be_skipped_takes_the_moves_beside_it_with_it(dialect: str, corner: str) -> None:
+    blocks = {
+        "heidenhain": ("L X+0 Y+0 R0 F200", "L X+50", corner, "L Y+40", "L X+0 Y+9"),
+        "heidenhain-iso": ("G01 G90 G40 X+0 Y+0 F200", "G01 X+50", corner, "G01 Y+40", "G01 X+0 Y+9"),
+    }
+    assert not np.isin(read(dialect, blocks).motions.block, (2, 3, 4)).any()
+
+
+@pytest.mark.parametrize(
+    "user",
+    [
+        "CTP PR+30 PA+90",
+        "APPR PLT PR+10 PA+0 LEN10 RL F200",
+        "DEP PLCT PR+80 PA+0 R5",
+        "/C X+20 Y+50 DR+",
+        "LP PR+3 PA+1",
+    ],
+)
+def test_what_is_passed_through_uses_the_pole(user: str) -> None:
+    program = klartext("L X+50 Y+20 R0 F400", "CC X+20 Y+20", "C X+20 Y+50 DR+", "L X+10 Y+50", user)
+    assert program.centre_users[5] == (2, False)

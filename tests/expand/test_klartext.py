@@ -174,6 +174,7 @@ def test_cycles_move_as_the_player_has_them(name: str) -> None:
         (("FMAX M99", "FMAX M99 M5"), "at the end of the block"),
         (("FMAX M99", "FMAX M89"), "M89"),
         ((" MM\n", " INCH\n"), "inches"),
+        (("3 CYCL DEF", "3 L F0.1 M136\n4 CYCL DEF"), "a turn of the spindle"),
     ],
 )
 def test_calls_that_stay_are_named(change: tuple[str, str], why: str) -> None:
@@ -183,6 +184,22 @@ def test_calls_that_stay_are_named(change: tuple[str, str], why: str) -> None:
     assert re.search(rb"M99|M89", found.data)
     again = read_as("heidenhain", found.data, "a.h")
     assert any("call of a cycle" in note.what for note in again.notes)
+
+
+@pytest.mark.parametrize(
+    "blocks",
+    [
+        "L X+0 Y+50 F700\nRND R5 F90\nL Y+10",
+        "L X+0 F700 M103 F20",
+        "L X+0 F700\nM128 F1000",
+        "L X+0 F700\nCHF 2 F90\nL Y+9",
+    ],
+)
+def test_behind_a_cycle_stands_the_feed_that_is_in_force(blocks: str) -> None:
+    """F of a corner is its own, that of M103 a share, and that of M128 for following rotary axes."""
+    text = f"{HEAD}3 CYCL DEF {DRILL['pecked']}\n{blocks}\nL Z+9 FMAX\nL X+9 Y+9 FMAX M99\nL X+0\nEND PGM A MM\n"
+    lines = expand(text.encode(), "a.h", language="heidenhain").data.decode().splitlines()
+    assert lines[lines.index("L X+0") - 1] == "L F700"
 
 
 class Writer:

@@ -14,14 +14,25 @@ from decimal import Decimal
 from typing import Final
 
 from ph_post.dialects.heidenhain.iso_table import ISO_WORD, PLAIN, IsoRows
-from ph_post.dialects.heidenhain.tnc import TIP, NotFollowed, Places, StaysInForce, Tnc, joined, number_of
+from ph_post.dialects.heidenhain.tnc import (
+    CallLeaves,
+    NotFollowed,
+    Places,
+    StaysInForce,
+    Tnc,
+    frame_change,
+    joined,
+    number_of,
+    tips_in,
+)
 from ph_post.dialects.heidenhain.tnc_source import JUMPED, REPEATED, TncLanguage, TncSource
+from ph_post.expand.klartext_lines import OWN_FEED
 from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram
 
 _ANY: Final = re.compile("")
 """What may turn about the centre: I and J last."""
 _IF: Final = r"D\s*(?:09|9|10|11|12)(?!\d)"
-_CALL: Final = re.compile(rf"(?<![A-Z])L\s*\d+\s*,\s*\d|{_IF}")
+_CALL: Final = re.compile(rf"(?<![A-Z])L\s*Q?\w+\s*,\s*\d|{_IF}")
 _CENTRES: Final = {letter: axis for axis, letter in CENTERS.items()}
 _SIDES: Final = frozenset((40, 41, 42))
 _CORNERS: Final = frozenset((24, 25, 26, 27))
@@ -50,15 +61,19 @@ def in_force(line: str) -> StaysInForce:
     >>> in_force("N10 G01 G41 X+5 YQ1 F300")[:2], in_force("/N20 G40 X+1")[:2]
     (('300', 'G41'), ('', None))
     """
-    block = _Block(line.lstrip("/"))
+    skipped, text = line.startswith("/"), re.sub(r"^/?\s*(?:N\s*\d+\s*)?", "", line)
+    change, block = frame_change(text), _Block(OWN_FEED.sub(" ", text))
+    if change is not None:
+        return StaysInForce(turns=(change,) if change[1] or not skipped else ())
     codes = set(block.codes)
     feed = "" if codes & (_CORNERS | {4}) or block.value("F") in (None, "MAX") else block.value("F") or ""
     side = next((f"G{code}" for code in reversed(block.codes) if code in _SIDES), None)
     pole = any(letter in _CENTRES for letter, _ in block.words)
-    if line.startswith("/"):
-        turns = bool(codes & _TURNS) or TIP in block.functions
-        return StaysInForce("AUTO" if feed else "", None if side == "G40" else side, pole, turns)
-    return StaysInForce(feed, side, pole)
+    turns = (*((f"G{code}", _turns_by(code, block)) for code in sorted(codes & _TURNS)), *tips_in(block.functions))
+    if skipped:
+        on = tuple((way, on) for way, on in turns if on)
+        return StaysInForce("AUTO" if feed else "", None if side == "G40" else side, pole, on)
+    return StaysInForce(feed, side, pole, turns)
 
 
 _LANGUAGE: Final = TncLanguage(
@@ -72,6 +87,7 @@ _LANGUAGE: Final = TncLanguage(
         JUMPED: re.compile(rf"{_IF}.*P03\s*(\+*(\S+))"),
     },
     called=re.compile(r"(?<![A-Z])L\s*(\d+)\s*,\s*0"),
+    computed=re.compile(rf"{_IF}|(?<![A-Z])L\s*Q\w+\s*,"),
     ends=re.compile(r"G98\s*L\s*0(?!\d)"),
     in_force=in_force,
     rows=IsoRows,
@@ -94,7 +110,7 @@ def read_tnc_iso(
     first, head = source.head()
     follower = _IsoFollower(Tnc("G21" if head[2] == "71" else "G20", in_force, _ANY, resting))
     for number, text in enumerate(source.texts):
-        follower.line(text, source.side_behind(number), begins=number == first)
+        follower.line(text, source.left_by(number), begins=number == first)
     return source.program(follower.tnc, contours=contours)
 
 
@@ -141,6 +157,14 @@ class _Block:
         return "" if number is None else f"S{number}"
 
 
+def _turns_by(code: int, block: _Block) -> bool:
+    """Return True if a word turns, mirrors, scales or tilts the frame, False if it ends that."""
+    plain = Decimal(1) if code == _SCALING else Decimal(0)
+    numbers = [number_of(number) for letter, number in block.words if letter not in "GN"]
+    mirrors = code == _MIRROR and any(letter in AXES for letter, _ in block.words)
+    return mirrors or any(number != plain for number in numbers)
+
+
 class _IsoFollower:
     """Follows a program line by line."""
 
@@ -150,12 +174,12 @@ class _IsoFollower:
         self._incremental: bool | None = False
         self._lost = False
 
-    def line(self, source: str, side: str | None, *, begins: bool) -> None:
-        """Follow one line; `side` as of :meth:`TncSource.side_behind`."""
+    def line(self, source: str, left: CallLeaves | None, *, begins: bool) -> None:
+        """Follow one line; `left` as of :meth:`TncSource.left_by`."""
         bare = re.sub(r"^N\s*\d+\s*", "", source)
         if _CALL.search(source) and "G98" not in source:
             self._lost = True
-            self.tnc.lose("call or jump", bare, side)
+            self.tnc.lose("call or jump", bare, left)
         elif bare.startswith("%"):
             if begins:
                 self.tnc.add("")
@@ -172,21 +196,24 @@ class _IsoFollower:
 
     def _translated(self, block: _Block, source: str) -> str:
         codes = block.codes
+        if _CORNERS & set(codes):
+            self.tnc.corner(source)
+        if _TANGENTIAL & set(codes):
+            self.tnc.tangent(f"G{min(_TANGENTIAL & set(codes)):02d}")
         if source.startswith("/"):
             raise NotFollowed("block delete", source)
+        change = self.tnc.frame(re.sub(r"^N\s*\d+\s*", "", source))
+        if change is not None:
+            return change
         if re.match(r"(?:N\s*\d+\s*)?D\s*\d+", source):
             raise NotFollowed("Q parameter", source)
         if {30, 31} & set(codes) or 98 in codes or 99 in codes:
             return ""
-        if _CORNERS & set(codes):
-            self.tnc.corner(source)
         self._states(codes)
         unknown = [code for code in codes if code not in _FOLLOWED | _MOTIONS | _SHIFTS | _TURNS]
         if unknown:
             if unknown[0] in _CUTS:
                 self._motion = unknown[0]
-            if unknown[0] in _TANGENTIAL:
-                self.tnc.tangent(f"G{unknown[0]:02d}")
             raise NotFollowed("path function" if unknown[0] in _CUTS else "unknown G word", f"G{unknown[0]:02d}")
         if block.odd:
             raise NotFollowed("unknown word", block.odd)
@@ -220,19 +247,12 @@ class _IsoFollower:
         if _SHIFTS & set(block.codes):
             return self.tnc.shifted()
         for code in sorted(_TURNS & set(block.codes)):
-            return self.tnc.turned(f"G{code}", self._turns(code, block, places))
+            return self.tnc.turned(f"G{code}", _turns_by(code, block))
         if 29 in block.codes:
             self.tnc.pole({})
         if centres:
             self.tnc.pole(centres)
         return self._move(block, places, source)
-
-    @staticmethod
-    def _turns(code: int, block: _Block, places: Places) -> bool:
-        """Return True if a word turns, mirrors, scales or tilts the frame, False if it ends that."""
-        plain = Decimal(1) if code == _SCALING else Decimal(0)
-        numbers = [number_of(number) for letter, number in block.words if letter not in "GN"]
-        return (code == _MIRROR and bool(places)) or any(number != plain for number in numbers)
 
     def _places(self, block: _Block) -> tuple[Places, Places]:
         """Places of a line, and of its pole; G90 and G91 are for the words behind them."""
@@ -283,4 +303,5 @@ class _IsoFollower:
 
     def _tool(self, block: _Block) -> str:
         axis = next((AXES[PLANE_AXES[code][2]] for code in block.codes if code in PLANE_AXES), None)
-        return self.tnc.tool(axis, block.value("T"), block.speed())
+        feed = block.value("F") or ""
+        return self.tnc.tool(axis, block.value("T"), joined(block.speed(), self.tnc.feed_word(feed)))

@@ -16,19 +16,30 @@ from decimal import Decimal
 from typing import Final
 
 from ph_post.dialects.heidenhain.table import KlartextRows
-from ph_post.dialects.heidenhain.tnc import NUMBER, NotFollowed, Places, StaysInForce, Tnc, joined, number_of
+from ph_post.dialects.heidenhain.tnc import (
+    NUMBER,
+    CallLeaves,
+    NotFollowed,
+    Places,
+    StaysInForce,
+    Tnc,
+    Turns,
+    frame_change,
+    joined,
+    number_of,
+    tips_in,
+)
 from ph_post.dialects.heidenhain.tnc_source import JUMPED, REPEATED, TncLanguage, TncSource
 from ph_post.dialects.reading import Remark
+from ph_post.expand.klartext_lines import OWN_FEED, SIDE
 from ph_post.gcode.program import PartProgram
 
 _PLACE: Final = re.compile(rf"(?<![A-Z])(I?)([XYZABCUVW])\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
 _FEED: Final = re.compile(rf"F\s*(MAX|AUTO|[ZTU]?\s*{NUMBER}|[ZTU]?\s*Q[LRS]?\d+)?")
 _FUNCTION: Final = re.compile(r"M\s*(\d+)")
-_SIDE: Final = re.compile(r"R([0LR])\b")
 _SIDES: Final = {"0": "G40", "L": "G41", "R": "G42"}
-_PATH: Final = re.compile(r"(/?)\s*(?!LBL|CALL|CYCL|CHF|CC(?![A-Z]))(?:L|C|F[LC]|APPR|DEP|SPL)")
-"""A block of a path, which may be skipped."""
-_TURNS_OR_NOT: Final = re.compile(r"/\s*(?:PLANE\b|FUNCTION\s+TCPM\b|CYCL\s+DEF\s+(?:8|10|11|19|26)\b|.*M\s*128(?!\d))")
+_PATH: Final = re.compile(r"(?!LBL|CALL|CYCL|CHF|CC(?![A-Z]))(?:L|C|F[LC]|APPR|DEP|SPL)")
+"""A block of a path."""
 _SPACE: Final = re.compile(r"[RFM](?=\s|$)|\s+")
 _RADIUS: Final = re.compile(rf"R\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
 _ANGLE: Final = re.compile(rf"(I?)PA\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
@@ -48,20 +59,10 @@ _CALLED: Final = frozenset((*range(1, 7), 17, 18, *range(200, 210), 240, 241, *r
 """Cycles that move when they are called, and not where they are defined."""
 _OTHERS: Final = re.compile(r"CTP|CT|LP|LCT|LN|FPOL|FLT|FL|FCT|FC|APPR|DEP|SPL")
 _TANGENTIAL: Final = re.compile(r"CTP?$|FCT$|FLT$|DEP$")
-_INCLINED: Final = "PLANE"
-_UPRIGHT: Final = re.compile(
-    r"PLANE\s+(?:RESET\b|SPATIAL\s+(?:SP[ABC]\s*[-+]?0*\.?0*(?![\d.])\s*){3}.*\bTABLE\s+ROT\b)"
-)
-"""A plane that is the machine's. Spatial angles, of which none turns it, are those from the machine's fixed coordinates
-(iTNC 530, User's Manual, "PLANE SPATIAL"). The table is free then to turn about the tool: with TABLE ROT it goes to the
-angle that is said, and X and Y are the axes; with COORD ROT, on some controls, they turn with the table (TNC7, "COORD
-ROT and TABLE ROT")."""
-_TIP: Final = re.compile(r"FUNCTION\s+(RESET\s+)?TCPM\b")
-"""Rotary axes about the tool's tip, as M128 has them (TNC 640, User's Manual, Conversational, 12, "FUNCTION TCPM")."""
 
 
 def in_force(line: str) -> StaysInForce:
-    """Return what a block of a path leaves in force, whatever else it does.
+    """Return what a block leaves in force, whatever else it does.
 
     DEP ends the compensation of the radius (iTNC 530, User's Manual, Conversational, 6.3, "Approaching and departing").
     A block with a slash may be skipped: it may change the feed, bring the cutter to a side, and turn the frame.
@@ -71,15 +72,36 @@ def in_force(line: str) -> StaysInForce:
     >>> in_force("APPR LT X+5 Y+5 LEN10 RL F300")[:2], in_force("DEP LT LEN10 F1000")[:2], in_force("RND R5 F100")[:2]
     (('300', 'G41'), ('1000', 'G40'), ('', None))
     """
-    path, turns = _PATH.match(line), _TURNS_OR_NOT.match(line) is not None
-    if path is None:
-        return StaysInForce(pole=re.match(r"/?\s*CC(?![A-Z])", line) is not None, turns=turns)
-    feeds = [found[1] for found in _FEED.finditer(line) if found[1] not in (None, "MAX")]
-    sides = [_SIDES[side] for side in _SIDE.findall(line)] or ["G40"] * line.startswith("DEP")
-    if path[1]:
-        onto = next((side for side in sides if side != "G40"), None)
-        return StaysInForce("AUTO" if feeds else "", onto, turns=turns)
-    return StaysInForce(feeds[-1] if feeds else "", sides[-1] if sides else None)
+    skipped, text = line.startswith("/"), re.sub(r"\"[^\"]*\"", " ", line.lstrip("/ "))
+    path, tool, turns = _PATH.match(text), _TOOL.match(text), _turns(text)
+    if skipped:
+        turns = tuple((way, on) for way, on in turns if on)
+        turns += (("TOOL CALL", True),) if tool and tool[2] not in (None, "Z") else ()
+    if path is None and tool is None:
+        return StaysInForce(pole=re.match(r"CC(?![A-Z])", text) is not None, turns=turns)
+    feeds = [found[1] for found in _FEED.finditer(OWN_FEED.sub(" ", text)) if found[1] not in (None, "MAX")]
+    sides = [_SIDES[side] for side in SIDE.findall(text) if path] or ["G40"] * text.startswith("DEP")
+    if skipped:
+        return StaysInForce("AUTO" if feeds else "", next((side for side in sides if side != "G40"), None), turns=turns)
+    return StaysInForce(feeds[-1] if feeds else "", sides[-1] if sides else None, turns=turns)
+
+
+def _turns(text: str) -> Turns:
+    """Return how a block turns the frame, or ends that."""
+    change, cycle = frame_change(text), _CYCLE.match(text)
+    found = [] if change is None else [change]
+    if cycle is not None and int(cycle[1]) in _TURNS:
+        found.append((f"cycle {int(cycle[1])}", _turns_by(int(cycle[1]), cycle[2], cycle[3])))
+    return (*found, *tips_in(map(int, _FUNCTION.findall(text))))
+
+
+def _turns_by(number: int, part: str | None, rest: str) -> bool:
+    """Return True if a cycle turns the frame, False if it ends that."""
+    if part in (None, "0"):
+        return True
+    numbers = [number_of(found) for found in re.findall(NUMBER, rest)]
+    plain = Decimal(1) if number in (11, 26) else Decimal(0)
+    return "Q" in rest or bool(re.search(r"[XYZ]", rest)) or any(value != plain for value in numbers)
 
 
 def _plain(line: str) -> str:
@@ -88,6 +110,9 @@ def _plain(line: str) -> str:
     return text.partition(";")[0].replace("~", " ").strip()
 
 
+_NAME: Final = r"(\"[^\"]*\"|Q[LRS]?\d+|\d+)"
+"""Of a label; one by a parameter is computed."""
+
 _LANGUAGE: Final = TncLanguage(
     plain=_plain,
     head=re.compile(r"BEGIN\s+PGM\s+(.*?)\s*(MM|INCH|IN$)"),
@@ -95,15 +120,22 @@ _LANGUAGE: Final = TncLanguage(
     expected_head="0 BEGIN PGM, a name, and MM or INCH",
     label=re.compile(r"^LBL\s*(\"[^\"]*\"|\d+)"),
     calls={
-        REPEATED: re.compile(r"^CALL\s+LBL\s*(\"[^\"]*\"|\d+)\s+REP\s*\d"),
+        REPEATED: re.compile(rf"^/?\s*CALL\s+LBL\s*{_NAME}\s+REP\s*[\dQ]"),
         JUMPED: re.compile(r"GOTO\s+LBL\s*(\S+)"),
     },
-    called=re.compile(r"^CALL\s+LBL\s*(\"[^\"]*\"|\d+)(?:\s+REP)?$"),
+    called=re.compile(r"^/?\s*CALL\s+LBL\s*(\"[^\"]*\"|\d+)(?:\s+REP)?$"),
+    computed=re.compile(r"CALL\s+LBL|GOTO\s+LBL"),
     ends=re.compile(r"^LBL\s*0$"),
     in_force=in_force,
     rows=KlartextRows,
 )
 
+
+_FLOW: Final = re.compile(r"/?\s*(?:CALL\s+LBL|FN\s*\d+\s*:\s*IF)")
+_PROGRAMS: Final = re.compile(r"/?\s*(?:CALL\s+(?:SELECTED\s+)?PGM|SEL\s|%)")
+_CYCLE_CALL: Final = re.compile(r"CYCL\s+CALL|(?<![A-Z])M\s*0*(?:89|99)(?!\d)")
+_PROGRAM_CYCLE: Final = 12
+"""The cycle that is a program, which CYCL CALL calls (TNC 620, User's Manual for Cycle Programming, 12)."""
 
 _MOVES: Final = re.compile(r"L\s+I?[XYZ]")
 """A move: text with one is conversational, if perhaps a part of a program that says elsewhere whether it is in mm."""
@@ -134,7 +166,7 @@ def read_klartext(
         else:
             follower.tnc.add("")
     for number in range(begin, len(source.texts)):
-        follower.line(source.texts[number], source.side_behind(number))
+        follower.line(source.texts[number], source.left_by(number))
     return source.program(follower.tnc, contours=contours)
 
 
@@ -144,17 +176,19 @@ class _KlartextFollower:
     def __init__(self, tnc: Tnc) -> None:
         self.tnc = tnc
         self._remark = ""
-        self._values = False
+        self._values = self._program = False
 
-    def line(self, source: str, side: str | None) -> None:
-        """Follow one line; `side` as of :meth:`TncSource.side_behind`."""
-        if re.match(r"(?:CALL\s+(?:LBL|PGM)|FN\s*\d+\s*:\s*IF|SEL\s|%)", source):
-            missing = re.match(r"CALL\s+PGM|SEL\s|%", source)
-            self.tnc.lose("missing program" if missing else "call or jump", source, side)
+    def line(self, source: str, left: CallLeaves | None) -> None:
+        """Follow one line; `left` as of :meth:`TncSource.left_by`."""
+        programs = _PROGRAMS.match(source) or (self._program and _CYCLE_CALL.search(source))
+        if programs or _FLOW.match(source):
+            self.tnc.lose("missing program" if programs else "call or jump", source, left)
             return
         self.tnc.line(source, lambda: self._translated(source))
 
     def _translated(self, source: str) -> str:
+        for found in re.finditer(r"(Q[LRS]?\d+)\s*=", source):
+            self.tnc.parameters.pop(found[1], None)
         cycle = _CYCLE.match(source)
         if cycle is not None:
             self._values = int(cycle[1]) in _CALLED
@@ -177,8 +211,6 @@ class _KlartextFollower:
         if given is not None and (source.startswith("FN") or not self._remark):
             self.tnc.parameters[given[1]] = Decimal(given[2].replace(",", "."))
             return True
-        if found := re.match(r"(?:FN\s*\d+\s*:\s*)?(Q[LRS]?\d+)\s*=", source):
-            self.tnc.parameters.pop(found[1], None)
         if self._values:
             return True
         if _STILL.match(source) or (_VALUE.match(source) and not self._remark):
@@ -195,18 +227,20 @@ class _KlartextFollower:
         tool = _TOOL.match(source)
         if tool is not None:
             return self._tool(tool[1], tool[2], tool[3])
-        if word in ("RND", "CHF") or re.match(r"(?:RND|CHF)\s*[R\d]", source):
+        bare = source.lstrip("/ ")
+        if re.match(r"(?:RND|CHF)(?![A-Z])", bare):
             self.tnc.corner(source)
-        if word == _INCLINED:
-            return self.tnc.turned("PLANE", _UPRIGHT.match(source) is None)
-        if tip := _TIP.match(source):
-            return self.tnc.turned("TCPM", tip[1] is None)
+        change = self.tnc.frame(source)
+        if change is not None:
+            return change
         if word == "STOP" or re.fullmatch(r"(?:M\s*\d+\s*)+", source):
             functions = [int(number) for number in _FUNCTION.findall(source)]
             text = self.tnc.straight({}, rapid=False, feed="", functions=functions)
             return joined("M0" if word == "STOP" else "", text)
-        if _TANGENTIAL.match(word):
+        if _TANGENTIAL.match(bare.split(maxsplit=1)[0] if bare else ""):
             self.tnc.tangent(source)
+        if not _PATH.match(bare):
+            self.tnc.parameters.clear()
         what = "path function" if _OTHERS.fullmatch(word) else "block delete" if word[0] == "/" else "unknown word"
         raise NotFollowed(what, source)
 
@@ -285,10 +319,10 @@ class _KlartextFollower:
 
     def _side(self, text: str) -> str:
         """Take the radius compensation out of a line."""
-        found = _SIDE.search(text)
+        found = SIDE.search(text)
         if found is not None:
             self.tnc.side = _SIDES[found[1]]
-        return _SIDE.sub(" ", text)
+        return SIDE.sub(" ", text)
 
     @staticmethod
     def _nothing_left(text: str) -> None:
@@ -299,6 +333,7 @@ class _KlartextFollower:
     def _cycle(self, number: int, part: str | None, rest: str, source: str) -> str:
         """Follow the definition of a cycle."""
         self._remark = ""
+        self._program = number == _PROGRAM_CYCLE or (self._program and number not in _CALLED)
         last = _LAST_NUMBER.search(rest)
         if number == 9:
             if part in (None, "0"):
@@ -313,21 +348,15 @@ class _KlartextFollower:
             self._remark = "datum"
             return self.tnc.shifted()
         if number in _TURNS:
-            return self.tnc.turned(f"cycle {number}", self._turns(number, part, rest))
+            steps = re.search(r"I\s*ROT", rest) is not None  # which add nothing where they are 0
+            way, on = f"cycle {number}", _turns_by(number, part, rest)
+            return self.tnc.turned(way, on or (steps and self.tnc.is_turned(way)))
         self._remark = "cycle"
+        self.tnc.parameters.clear()
         raise NotFollowed("cycle", source)
-
-    @staticmethod
-    def _turns(number: int, part: str | None, rest: str) -> bool:
-        """Return True if a cycle turns the frame, False if it ends that."""
-        if part in (None, "0"):
-            return True
-        numbers = [number_of(found) for found in re.findall(NUMBER, rest)]
-        plain = Decimal(1) if number in (11, 26) else Decimal(0)
-        return "Q" in rest or bool(re.search(r"[XYZ]", rest)) or any(value != plain for value in numbers)
 
     def _tool(self, number: str | None, axis: str | None, rest: str) -> str:
         speed = re.search(rf"S\s*({NUMBER})", rest)
-        feed = re.search(rf"(?<![A-Z])F\s*({NUMBER})", rest)
+        feed = next((found[1] for found in _FEED.finditer(rest) if found[1] not in (None, "MAX")), "")
         turns = f"S{number_of(speed[1])}" if speed else ""
-        return self.tnc.tool(axis, number, joined(turns, f"F{number_of(feed[1])}" if feed else ""))
+        return self.tnc.tool(axis, number, joined(turns, self.tnc.feed_word(feed)))

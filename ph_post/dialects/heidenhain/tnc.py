@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
 from typing import Final, NamedTuple
 
@@ -44,8 +44,9 @@ M117), their way round (M126, M127) and which of them swivel (M138), spare tools
 the tool's centre again (M111), stops where rotary axes turn (M134, M135), the touch probe (M141), and what happens at
 a stop (M148, M149)."""
 
-TIP: Final = 128
-"""Rotary axes turn about the tool's tip up to M129: X, Y and Z may be those of a table that has turned."""
+_TIPS: Final[Mapping[int, int]] = {128: 129, 114: 115, 144: 145}
+"""M functions with which X, Y and Z may be those of a table that has turned, and those that end them: rotary axes about
+the tool's tip, corrected for them, and the kinematics in the positions (iTNC 530, Conversational, 11)."""
 _FUNCTION: Final = re.compile(r"(?<![A-Z])M\s*(\d{1,4})(?!\d)")
 _FEEDS_A_TURN: Final[Mapping[int, str]] = {136: "G95", 137: "G94"}
 
@@ -54,7 +55,7 @@ _WHOLE: Final = 1e-9
 
 _MACHINE: Final = frozenset((91, 92))
 """M functions with which the positions of a block are the machine's."""
-KLARTEXT_POLAR: Final = re.compile(r"[CL]P\b|C\b")
+KLARTEXT_POLAR: Final = re.compile(r"/?\s*(?:C?[CLT]P\b|C\b|(?:APPR|DEP)\s+P)")
 """What uses the pole in conversational programs."""
 
 _MOVES: Final = re.compile(r"(?:^| )G[0-3] ")
@@ -72,21 +73,79 @@ _CALLS: Final = frozenset((89, 99))
 _MODAL_CALL: Final = re.compile(r"M\s*0*89(?!\d)")
 """What calls a cycle at each move behind it, whatever else is in its block."""
 
+_PLANE_UPRIGHT: Final = re.compile(
+    r"PLANE\s+(?:RESET\b|SPATIAL\s+(?:SP[ABC]\s*[-+]?0*\.?0*(?![\d.])\s*){3}.*\bTABLE\s+ROT\b)"
+)
+"""A plane that is the machine's. Spatial angles, of which none turns it, are those from the machine's fixed coordinates
+(iTNC 530, User's Manual, "PLANE SPATIAL"). The table is free then to turn about the tool: with TABLE ROT it goes to the
+angle that is said, and X and Y are the axes; with COORD ROT, on some controls, they turn with the table (TNC7, "COORD
+ROT and TABLE ROT")."""
+_TCPM: Final = re.compile(r"FUNCTION\s+(RESET\s+)?TCPM\b")
+"""Rotary axes about the tool's tip, as M128 has them (TNC 640, User's Manual, Conversational, 12, "FUNCTION TCPM")."""
+_TRANS: Final = re.compile(r"TRANS\s+(DATUM|ROTATION|MIRROR|SCALE)\b(.*\bRESET\b)?")
+"""Shifts and turns of the frame (TNC7, User's Manual, Programming, "Functions for coordinate transformation")."""
+_PARALLEL: Final = re.compile(r"FUNCTION\s+PARAX(?:MODE|COMP)\b(.*\bOFF\b)?")
+"""Parallel axes in the place of X, Y and Z, or with them (TNC 640, User's Manual, "FUNCTION PARAXMODE")."""
+_DATUM: Final = "DATUM"
+
+
+def frame_change(text: str) -> tuple[str, bool] | None:
+    """Return which way a block changes the frame, and whether it turns it or ends that; None where it does neither.
+
+    Examples
+    --------
+    >>> frame_change("PLANE RESET STAY"), frame_change("TRANS ROTATION ROT+45"), frame_change("L X+5")
+    (('PLANE', False), ('TRANS ROTATION', True), None)
+    """
+    if re.match(r"PLANE\b", text):
+        return "PLANE", _PLANE_UPRIGHT.match(text) is None
+    if tip := _TCPM.match(text):
+        return "TCPM", tip[1] is None
+    if parallel := _PARALLEL.match(text):
+        return "PARAX", parallel[1] is None
+    if trans := _TRANS.match(text):
+        return (_DATUM, True) if trans[1] == _DATUM else (f"TRANS {trans[1]}", trans[2] is None)
+    return None
+
+
 Places = dict[str, tuple[bool, Decimal | None]]
 """By axis: whether it is incremental, and the number, None where that is computed."""
+
+
+Turns = tuple[tuple[str, bool], ...]
+"""Ways in which the frame is turned, mirrored, scaled or tilted, and whether it is so or no longer."""
 
 
 class StaysInForce(NamedTuple):
     """What a block leaves in force, whatever else is in it.
 
     Its feed as it stands there, empty for none; the word of the side on which the cutter is (G40, G41 or G42), None
-    where it says none; whether it names a circle's centre; and whether it turns the frame or not, as it may be skipped.
+    where it says none; whether it names a circle's centre; and the ways in which it turns the frame, or ends that.
     """
 
     feed: str = ""
     side: str | None = None
     pole: bool = False
-    turns: bool = False
+    turns: Turns = ()
+
+
+def tips_in(functions: Iterable[int]) -> Turns:
+    """Return how M functions let X, Y and Z be those of a table that has turned, or end that.
+
+    Examples
+    --------
+    >>> tips_in([3, 129])
+    (('M128', False),)
+    """
+    own = {number: (f"M{begins}", number == begins) for begins, ends in _TIPS.items() for number in (begins, ends)}
+    return tuple(own[number] for number in functions if number in own)
+
+
+class CallLeaves(NamedTuple):
+    """What a call leaves in force: the side, None where it is as it was, and how it turns the frame, or ends that."""
+
+    side: str | None = None
+    turns: Turns = ()
 
 
 class NotFollowed(Exception):  # noqa: N818 - nothing is wrong with the program
@@ -199,12 +258,18 @@ class Tnc:
         """Take the side that a line leaves in force which is passed through, and return the word of its feed."""
         feed, side, pole, turns = self._in_force(source)
         self.side = self.side if side is None else side
-        if turns:
-            self._frame = self.turned("/", on=True)
+        for way, on in turns if source.startswith("/") else ():
+            self._frame = self.turned(way, on)
         if pole:
             self._pole, self._pole_line = dict.fromkeys(AXES), None
-        for number in _FUNCTION.findall(source):
-            self._per_turn(int(number))
+        for number in map(int, _FUNCTION.findall(source)):
+            self._per_turn(number)
+            if not source.startswith("/"):
+                self._frame = self._tipped(number) or self._frame
+        return self.feed_word(feed)
+
+    def feed_word(self, feed: str) -> str:
+        """Return the word of a feed as it stands in a block, empty for none."""
         if feed in self.parameters:
             self.feeds[len(self.texts)] = self.parameters[feed]
             return f"F{self.parameters[feed]}"
@@ -217,12 +282,15 @@ class Tnc:
         self._states.append(f"{self._units} G90 {plane} G90.1 {self._feeds} {self.side}")
         self.texts.append(text)
 
-    def lose(self, what: str, text: str, side: str | None = None) -> None:
-        """Write a line after which nothing is known: a call, a jump; what it calls may leave the cutter on a side."""
-        self.side = self.side if side is None else side
+    def lose(self, what: str, text: str, left: CallLeaves | None = None) -> None:
+        """Write a line after which nothing is known: a call, a jump; `left` is what it leaves in force of the rest."""
+        if left is not None:
+            self.side = left.side or self.side
+            for way, on in left.turns:
+                self.turned(way, on)
         self.forget(AXES)
         self.remarks[len(self.texts)] = Remark(what=f"{what}: {text}" if text else what)
-        self.add(NOT_UNDERSTOOD)
+        self.add(joined("G68" if self._turned else "", NOT_UNDERSTOOD))
         self._pole = dict.fromkeys(AXES)
         self._pole_line = None
         self.parameters.clear()
@@ -243,7 +311,7 @@ class Tnc:
             return joined(feed, *words)
         if _MACHINE & set(functions):
             self.forget(places)
-            return joined("G53 G0", *(f"{axis}0" for axis in places if axis in AXES), *words)
+            return joined("G53 G0", *(f"{axis}0" for axis in places if axis in AXES), feed, *words)
         ends = self._ends(places)
         self._moved = len(self.texts)
         if why and self._pole_line is not None:
@@ -344,11 +412,11 @@ class Tnc:
             if number in _CALLS:
                 self._called = False
                 raise NotFollowed("call of a cycle", f"M{number}")
-            if number == TIP or (number == TIP + 1 and f"M{TIP}" in self._turned):
-                self._frame = self.turned(f"M{TIP}", number == TIP)
+            if tipped := self._tipped(number):
+                self._frame = tipped
                 raise NotFollowed("rotary axes about the tool's tip", f"M{number}")
             self._per_turn(number)
-            if number not in (*_FEEDS_A_TURN, *_FUNCTIONS, *_MACHINE, *self._resting, TIP + 1):
+            if number not in (*_FEEDS_A_TURN, *_FUNCTIONS, *_MACHINE, *self._resting, *_TIPS.values()):
                 raise NotFollowed("unknown M function", f"M{number}")
         return [_FUNCTIONS[number] for number in functions if number in _FUNCTIONS]
 
@@ -356,6 +424,32 @@ class Tnc:
         """Follow an M function with which F is for a turn of the spindle, or for a minute again."""
         if number in _FEEDS_A_TURN and self._units == "G21":
             self._feeds = _FEEDS_A_TURN[number]
+
+    def _tipped(self, number: int) -> str:
+        """Follow an M function of the frame; empty where it is none, or ends what is not on."""
+        changes = [self.turned(way, on) for way, on in tips_in([number]) if on or self.is_turned(way)]
+        return "".join(changes)
+
+    def frame(self, text: str) -> str | None:
+        """Follow a block that turns or shifts the frame, or ends that; None where it does neither."""
+        change = frame_change(text)
+        return None if change is None else self.shifted() if change[0] == _DATUM else self.turned(*change)
+
+    def pass_through(self, numbers: Sequence[int], *, jumped: bool) -> None:
+        """Take for unknown what lines leave that run more than once, or with `jumped` perhaps not."""
+        turned = [text for text in map(self.texts.__getitem__, numbers) if re.search(r"\bG6[89]\b", text)]
+        on = any("G68" in text for text in (turned if jumped else turned[-1:]))
+        for number in numbers:
+            self.texts[number] = joined("G68" if on and number == numbers[-1] else "", NOT_UNDERSTOOD)
+
+    def doubt_side(self, first: int, last: int) -> None:
+        """Let the cutter be beside a contour in lines of which nobody knows whether it is."""
+        for number in range(first, last + 1):
+            self._states[number] = f"{self._states[number].rpartition(' ')[0]} G41"
+
+    def side_in(self, number: int) -> str:
+        """Return the side behind a line, from 0; at first there is none."""
+        return self._states[number].rpartition(" ")[2] if number >= 0 else "G40"
 
     def tool(self, axis: str | None, number: str | None, rest: str) -> str:
         """Call a tool, or change its axis or speed."""
@@ -378,12 +472,16 @@ class Tnc:
         (self._turned.add if on else self._turned.discard)(way)
         return "G68" if self._turned else "G69"
 
+    def is_turned(self, way: str) -> bool:
+        """Return whether the frame is turned in a way."""
+        return way in self._turned
+
     def with_modes(self) -> list[str]:
         """Return the lines, each with the modes of RS274 wherever they are others, or may be lost."""
         texts, before = [], ""
         for text, state in zip(self.texts, self._states, strict=True):
             line = text
-            if text == NOT_UNDERSTOOD:
+            if text.endswith(NOT_UNDERSTOOD):
                 before = ""
             elif text and text != FORGOTTEN and state != before:
                 line, before = f"{state} {text}", state

@@ -12,8 +12,8 @@ from typing import Final, Protocol
 import msgspec
 from msgspec.structs import replace
 
-from ph_post.dialects.heidenhain.tnc import StaysInForce, Tnc
-from ph_post.dialects.reading import NOT_UNDERSTOOD, XYZ_ONLY, Remark, line_error, read_translated, text_of
+from ph_post.dialects.heidenhain.tnc import CallLeaves, StaysInForce, Tnc
+from ph_post.dialects.reading import XYZ_ONLY, Remark, line_error, read_translated, text_of
 from ph_post.errors import InputError, printable
 from ph_post.gcode.program import PartProgram, WordTable
 from ph_post.gcode.words import lines_of
@@ -56,8 +56,9 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
     calls : mapping of str to pattern
         By what becomes of the lines between, what repeats or jumps: the label as it stands there is the
         first group, its name the last.
-    called, ends : pattern
-        Of a call that comes back, its label as of `calls`, and of the label that ends what is called.
+    called, computed, ends : pattern
+        Of a call that comes back, its label as of `calls`; of one of a label that none of these is; and of the label
+        that ends what is called.
     in_force : callable
         ``in_force(line)``: what a line leaves in force.
     rows : callable
@@ -71,6 +72,7 @@ class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
     label: re.Pattern[str]
     calls: Mapping[str, re.Pattern[str]]
     called: re.Pattern[str]
+    computed: re.Pattern[str]
     ends: re.Pattern[str]
     in_force: Callable[[str], StaysInForce]
     rows: Callable[[], TncRows]
@@ -107,7 +109,7 @@ class TncSource:
         self._data, self._name, self._lines, self._language = data, name, lines_of(data, name), language
         whole = (text_of(data, self._lines, number) for number in range(self._lines.size - 1))
         self.texts = [language.plain(_own(line.upper().decode("utf-8", "replace"))) for line in whole]
-        self._sides_left: dict[int, str | None] = {}
+        self._calls_leave: dict[int, CallLeaves] = {}
         self._set_at = [language.label.search(text) for text in self.texts]
         self._labels = {found[1]: number for number, found in enumerate(self._set_at) if found}
         self._ends = [number for number, text in enumerate(self.texts) if language.ends.search(text)]
@@ -132,11 +134,15 @@ class TncSource:
 
     def program(self, tnc: Tnc, *, contours: bool = False) -> PartProgram:
         """Read the translation by `tnc`, which has followed all lines; pass repeats and jumps through."""
-        for first, last, what in self._stretches():
-            for number in range(first, last + 1):
-                if text_of(self._data, self._lines, number).strip():
-                    tnc.texts[number] = NOT_UNDERSTOOD
-                    tnc.remarks[number] = Remark(what=what)
+        for first, last, what in list(self._stretches()):
+            own = {tnc.side_in(first - 1), *(one.side for one in self._in_force[first : last + 1])} - {None}
+            if what not in (REPEATED, _CALLED) and len(own) > 1:
+                behind = range(last + 1, len(self.texts))
+                until = next((line for line in behind if self._in_force[line].side is not None), len(self.texts))
+                tnc.doubt_side(last + 1, until - 1)
+            own_lines = [line for line in range(first, last + 1) if text_of(self._data, self._lines, line).strip()]
+            tnc.pass_through(own_lines, jumped=what not in (REPEATED, _CALLED))
+            tnc.remarks |= dict.fromkeys(own_lines, Remark(what=what))
         texts = [text.encode() for text in tnc.with_modes()]
         found = self._language.rows()
         for number in range(self._lines.size - 1):
@@ -164,26 +170,29 @@ class TncSource:
             },
         )
 
-    def side_behind(self, number: int) -> str | None:
-        """Return the side on which the cutter is behind a line that calls a label; None where it is as it was."""
+    def left_by(self, number: int) -> CallLeaves | None:
+        """Return what a line leaves in force that calls a label; None where it calls none."""
         called = self._called_by(number)
-        return None if called is None else self._side_left(*called, deep=0)
+        return None if called is None else self._left_by(*called, deep=0)
 
-    def _side_left(self, first: int, last: int, deep: int) -> str | None:
-        """Return the side that lines leave the cutter on, with what they call; None where they say none."""
-        if first in self._sides_left or deep == _NESTED:
-            return self._sides_left.get(first)
+    def _left_by(self, first: int, last: int, deep: int) -> CallLeaves:
+        """Return what lines leave in force, with what they call; where one jumps they end nothing."""
+        if first in self._calls_leave or deep == _NESTED:
+            return self._calls_leave.get(first, CallLeaves())
+        jumps = any(self._language.calls[JUMPED].search(text) for text in self.texts[first : last + 1])
         side: str | None = None
+        turns = dict[str, bool]()
         for number in range(first, last + 1):
             called = self._called_by(number)
-            found = self._own_sides[number] if called is None else self._side_left(*called, deep=deep + 1)
-            side = found or side
-        self._sides_left[first] = side
-        return side
+            own = self._in_force[number] if called is None else self._left_by(*called, deep=deep + 1)
+            side = side if own.side is None or (jumps and own.side == "G40") else own.side
+            turns |= {way: on for way, on in own.turns if on or not jumps}
+        found = self._calls_leave[first] = CallLeaves(side, tuple(turns.items()))
+        return found
 
     @cached_property
-    def _own_sides(self) -> list[str | None]:
-        return [self._language.in_force(text).side for text in self.texts]
+    def _in_force(self) -> list[StaysInForce]:
+        return [self._language.in_force(text) for text in self.texts]
 
     def _called_by(self, number: int) -> tuple[int, int] | None:
         """Return the first and the last line of what a line calls that comes back; None where it calls nothing."""
@@ -198,16 +207,22 @@ class TncSource:
         for number, text in enumerate(self.texts):
             if (called := self._called_by(number)) is not None:
                 yield *called, _CALLED
+            known = self._set_at[number] is not None or self._language.called.search(text) is not None
             for what, pattern in self._language.calls.items():
                 call = None if self._set_at[number] else pattern.search(text)
                 if call is None:
                     continue
+                known = True
                 place = self._labels.get(call.groups()[-1])
-                if place is None:
+                if place is None and "Q" in call.groups()[-1]:
+                    known = False
+                elif place is None:
                     # The control stops here.
                     yield number, len(self.texts) - 1, f"label that is not known: {call[1]}"
-                    continue
-                yield min(place, number), max(place, number), what
+                else:
+                    yield min(place, number), max(place, number), what
+            if not known and self._language.computed.search(text):
+                yield 0, len(self.texts) - 1, f"label that is computed: {text}"
 
     def _refused(self, number: int, what: str, expected: str, got: str) -> InputError:
         return line_error(self._data, self._lines, self._name, number, what, expected, printable(got))
