@@ -38,6 +38,9 @@ NOT_UNDERSTOOD: Final = "M98"
 FORGOTTEN: Final = "G999"
 """A line after which the position is not known."""
 
+_SIDES: Final = re.compile(rb"G[ \t]*(?:0*4[12](?!\d)|[\[#])", re.IGNORECASE)
+"""What brings the cutter to a side of its contour, or may, as a computed G word does."""
+
 _PLACE: Final = re.compile(r":(\d+)(?::\d+)?$")
 _GOT: Final = re.compile(r"; got (\S+)$")
 
@@ -98,7 +101,8 @@ def read_translated(
         As :func:`ph_post.gcode.read.read_program`, with the original line shown.
     """
     try:
-        found = read_program(b"\n".join([*texts, b""]), name, language=language)
+        sided = _SIDES.search(data) is not None
+        found = read_program(b"\n".join([*texts, b""]), name, language=language, sided=sided)
     except InputError as error:
         raise _retold_error(error, data, lines) from None
     return replace(

@@ -18,6 +18,7 @@ from ph_post.gcode.codes import (
     BENEATH,
     CALLS,
     COMMA,
+    COMPENSATION,
     CONTROLLER_LINE,
     DELETED,
     END,
@@ -464,7 +465,9 @@ def _begin(fixed: Any) -> Any:
 
 @lean
 def _forget_columns(state: Any, mask: int) -> None:
-    """Make unknown what a stretch under O-words may have set, a bit a column."""
+    """Make unknown what a stretch under O-words may have set, a bit a column; of one more see `find_stretches`."""
+    if (mask >> STATE) & 1 and state[COMPENSATION] > 400.0:
+        state[COMPENSATION] = UNKNOWN
     for column in range(STATE):
         if (mask >> column) & 1:
             state[column] = 2.0 if column == FEED_KNOWN else np.nan if column == FEED else UNKNOWN

@@ -555,9 +555,9 @@ def _is_aimed(task: int, why: int, present: int, flags: int, modes: Any) -> Any:
 
 @lean
 def _has_sides(letter: Any, value: Any) -> Any:
-    """Return True if a program brings the cutter to a side of its contour anywhere."""
-    for word in range(letter.size):  # noqa: SIM110 - compiled
-        if letter[word] == 71 and 41.0 <= value[word] < 43.0:
+    """Return True if a program brings the cutter to a side of its contour anywhere, or may by a computed G word."""
+    for word in range(letter.size):
+        if letter[word] == 71 and (41.0 <= value[word] < 43.0 or np.isnan(value[word])):
             return True
     return False
 
@@ -658,24 +658,24 @@ def _turn(present: int, values: Any, modes: Any, turned: Any) -> None:
 
 @compiled
 def choose_tasks(  # noqa: C901, PLR0912
-    words: Any, table: Any, columns: Any, traits: Any, end: int, further: int, contours: bool, threads: bool, tasks: Any
+    words: Any, table: Any, columns: Any, traits: Any, end: int, further: int, asked: Any, tasks: Any
 ) -> Any:
     """Decide what each block before `end` does.
 
     `words` are the columns block, letter and value, and the effects of M words; `columns` those that
     :func:`resolve <ph_post.gcode.modes.resolve_modes>` fills; breaks, why a block is not
     understood and the words with faults are added to them, `tasks` (n,) is filled. `further` are the letters of axes
-    of their own beside X, Y and Z, a bit each; with `contours` what is cut with cutter compensation moves as the
-    program says, with `threads` what is tied to the spindle. Where nobody knows whether the cutter is beside a contour,
-    and the program has such contours, nothing is known. A lack of feed is said at the first cut that has none.
-    Words of rotary axes that stand there already count as not there.
+    of their own beside X, Y and Z, a bit each. `asked` are whether what is cut with cutter compensation moves as the
+    program says, whether what is tied to the spindle does, and whether the program has such compensation beside what
+    its words say: then nothing is known where nobody knows whether it is on. A lack of feed is said at the first cut
+    that has none. Words of rotary axes that stand there already count as not there.
     """
     blocks, letter, value, effects = words
     states, feeds, motions, zeros, flags, marks, whys, spots = columns
     values, where = np.zeros(26), np.zeros(26, np.int64)
     low, lack = 0, 0
     turned = np.full(3, np.nan)
-    reading = (contours, threads, _has_sides(letter, value))
+    reading = (asked[0], asked[1], asked[2] or _has_sides(letter, value))
     for block in range(end):
         high = low
         while high < blocks.size and blocks[high] == block:

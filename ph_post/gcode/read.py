@@ -238,7 +238,9 @@ class _Blocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     gots: dict[int, str]
 
 
-def read_program(data: bytes, name: str, *, strict: bool = False, language: Language = RS274) -> PartProgram:
+def read_program(
+    data: bytes, name: str, *, strict: bool = False, language: Language = RS274, sided: bool = False
+) -> PartProgram:
     r"""Read a part program.
 
     Parameters
@@ -251,6 +253,8 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
         Refuse what would be passed through with a note.
     language : Language, optional
         Language of the controller; RS274/NGC by default.
+    sided : bool, optional
+        Whether the cutter may be brought to a side of its contour by what is no word of this text.
 
     Raises
     ------
@@ -271,10 +275,10 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
         if strict:
             refuse_notes(program)
         return program
-    program = _read(data, name, language, strict=strict)
+    program = _read(data, name, language, strict=strict, sided=sided)
     if not strict and codes.ARC_ABSOLUTE not in language.fixed and _misses_centres(program):
         # Some controllers are set so; the others refuse such a program, and no run of it is changed.
-        placed = _read(data, name, language.placing_centres(), strict=False)
+        placed = _read(data, name, language.placing_centres(), strict=False, sided=sided)
         if not _misses_centres(placed) and placed.motions.kind.size > program.motions.kind.size:
             return placed
     return program
@@ -288,7 +292,7 @@ def _misses_centres(program: PartProgram) -> bool:
     return not program.commands.g_words(90.1, 91.1).any()
 
 
-def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartProgram:
+def _read(data: bytes, name: str, language: Language, *, strict: bool, sided: bool) -> PartProgram:
     """Read a program of words."""
     lines = lines_of(data, name, strict=strict)
     plain = language.hidden(data)
@@ -301,7 +305,7 @@ def _read(data: bytes, name: str, language: Language, *, strict: bool) -> PartPr
     if lines.size > MANY_LINES:
         source.let_go()
         lexed, placed = _unplaced(lexed), _unplaced(placed)
-    blocks = _resolve(placed, plain, language)
+    blocks = _resolve(placed, plain, language, sided=sided)
     del plain  # as large as the program
     motions = _make_motions(placed, blocks)
     del placed
@@ -403,7 +407,7 @@ def _misses_threads(program: PartProgram) -> bool:
     return any(tied[program.state[note.first : note.last + 1]].any() for note in program.notes)
 
 
-def _resolve(lexed: Lexed, data: bytes, language: Language) -> _Blocks:
+def _resolve(lexed: Lexed, data: bytes, language: Language, *, sided: bool) -> _Blocks:
     """Find each block's modal state and task; after the program's end nothing changes any more."""
     count = lexed.lines.size - 1
     states, feeds, tasks = np.zeros(count, np.int32), np.full(count, np.nan), np.zeros(count, np.uint8)
@@ -426,8 +430,7 @@ def _resolve(lexed: Lexed, data: bytes, language: Language) -> _Blocks:
         lexed.traits,
         last,
         further,
-        language.contours,
-        language.contours and language.threads,
+        (language.contours, language.contours and language.threads, sided),
         tasks,
     )
     return _Blocks(

@@ -274,7 +274,8 @@ def find_stretches(lexed: Lexed, data: bytes) -> IntArray:
     """Return the first and last line of each stretch under O-words, and the state it may change (a bit a column).
 
     A stretch goes from an O-word to the one that ends it (`sub` to `endsub`), calls stand alone. What is
-    called lies in the program, so its words are those of all bodies, or may be anything.
+    called lies in the program, so its words are those of all bodies, or may be anything. A bit more says in the
+    place of that of cutter compensation that subprograms alone have it on, and end it.
     """
     lines = np.flatnonzero(lexed.traits & lexer.O_WORD)
     statements = [s for line in lines if (s := _statement(lexed, data, int(line))) is not None]
@@ -285,6 +286,8 @@ def find_stretches(lexed: Lexed, data: bytes) -> IntArray:
     known = {s.label for s in statements if s.keyword == b"sub"}
     calls = {s.label for s in statements if s.keyword == b"call"}
     mask = _EVERYTHING if calls - known else _words_set(lexed, inside)
+    if mask != _EVERYTHING and (mask >> codes.COMPENSATION) & 1 and _end_sides(lexed, statements, spans):
+        mask = mask & ~(1 << codes.COMPENSATION) | 1 << codes.STATE
     return np.array([(first, last, mask) for first, last in spans], np.int64).reshape(-1, 3)
 
 
@@ -314,6 +317,31 @@ def _spans(statements: list[_Statement], end: int) -> list[tuple[int, int]]:
         spans.append((first.block, statements[last].block))
         number = last + 1
     return spans
+
+
+def _end_sides(lexed: Lexed, statements: list[_Statement], spans: list[tuple[int, int]]) -> bool:
+    """Return whether each stretch that sets a side of the cutter is a subprogram whose last word of it is a G40.
+
+    That is to run whenever the subprogram does: on a line under no other O-word.
+    """
+    words = lexed.words
+    sides = np.flatnonzero((words.letter == ord("G")) & (words.value >= 40.0) & (words.value < 43.0))
+    for first, last in spans:
+        own = sides[(words.block[sides] >= first) & (words.block[sides] <= last)]
+        if not own.size:
+            continue
+        within = [one for one in statements if first <= one.block <= last and one.keyword != b"call"]
+        line, open_ones = int(words.block[own[-1]]), list[bytes]()
+        for one in within:
+            if one.keyword == b"return" or (one.block == line and words.value[own[-1]] == 40.0):
+                return False
+            if one.block < line and open_ones and one.keyword == _OPENS[open_ones[-1]]:
+                open_ones.pop()
+            elif one.block < line and one.keyword in _OPENS:
+                open_ones.append(one.keyword)
+        if words.value[own[-1]] != 40.0 or open_ones != [b"sub"]:
+            return False
+    return True
 
 
 def _words_set(lexed: Lexed, inside: np.ndarray) -> int:

@@ -395,7 +395,9 @@ def test_long_numbers_are_kept_exactly():
     assert words.digits_of(rows).tolist() == words.take(rows).digits.tolist() == [1234567890123456789, 0]
 
 
-@pytest.mark.parametrize("change", ["/G41 D1 G1 X0 Y0", "o1 if [#1]\nG41 D1\no1 endif"])
+@pytest.mark.parametrize(
+    "change", ["/G41 D1 G1 X0 Y0", "o1 if [#1]\nG41 D1\no1 endif", "G[40+#1] D1\nG90 G21 G17 G94 G54"]
+)
 def test_where_nobody_knows_whether_the_cutter_is_beside_its_contour_nothing_moves(change: str) -> None:
     text = f"G21 G90 G17 G40\nG0 X-10 Y-10\nG1 Z-1 F100\n{change}\nG1 X0 Y30\nX30\nA5 X20\nG40\nG1 X1 Y1\nX9\n"
     for contours in (False, True):
@@ -406,3 +408,34 @@ def test_where_nobody_knows_whether_the_cutter_is_beside_its_contour_nothing_mov
         block = program.motions.block
         assert not ((block >= first) & (block < free)).any()
         assert (block > free).any()
+
+
+BODY = "G41 D1 G1 X9\nX20\n"
+
+
+@pytest.mark.parametrize(
+    ("body", "known"),
+    [
+        (BODY + "G40 X40\n", True),
+        ("o1 if [#1]\n" + BODY + "o1 endif\nG40 X40\n", True),
+        (BODY, False),
+        (BODY + "o1 if [#1]\nG40 X40\no1 endif\n", False),
+        (BODY + "o1 if [#1]\no100 return\no1 endif\nG40 X40\n", False),
+        (BODY + "o1 while [#1]\nG40 X40\no1 endwhile\n", False),
+    ],
+)
+def test_a_subprogram_that_ends_its_contour_leaves_none_behind(body: str, known: bool) -> None:
+    """Neither its definition, which runs nothing, nor its call, whose other words are said anew."""
+    again = "G1 X60 F100\nX5\n"
+    text = f"G21 G90 G17\no100 sub\n{body}o100 endsub\nG0 X0 Y0\n{again}o100 call\nG0 X1 Y1\n{again}M2\n"
+    block = read_program(text.encode(), "a.ngc").motions.block
+    assert block.size == (6 if known else 0)
+
+
+def test_a_call_in_a_contour_may_end_it() -> None:
+    text = (
+        "G21 G90 G17\no100 sub\nG41 D1\nG40\no100 endsub\nG0 X0 Y0\nG41 D1 G1 X9 F100\no100 call\nG1 X9 F100\nX3\nM2\n"
+    )
+    contours = find_dialect("linuxcnc").language.contoured()
+    block = read_program(text.encode(), "a.ngc", language=contours).motions.block
+    assert block.tolist() == [5, 6]
