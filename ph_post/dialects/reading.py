@@ -36,7 +36,7 @@ NOT_UNDERSTOOD: Final = "M98"
 """A line after which neither the position nor a mode is known."""
 
 FORGOTTEN: Final = "G999"
-"""A line after which the position is not known."""
+"""A line after which the position is not known, and all modes are (:data:`ph_post.gcode.codes.FORGETTING`)."""
 
 _SIDES: Final = re.compile(rb"G[ \t]*(?:0*4[12](?!\d)|[\[#])", re.IGNORECASE)
 """What brings the cutter to a side of its contour, or may, as a computed G word does."""

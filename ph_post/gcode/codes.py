@@ -201,6 +201,10 @@ STAYS, CALLS, RUNS, SWITCHES = 1, 2, 3, 4
 program beside the controller does, which moves no axis to another place of the part program's; on the kinematics, after
 which the program's axes are not the machine's."""
 
+FORGETTING = 999.0
+"""G word by which readers of other dialects say that the place alone is not known behind a line: of the words that no
+controller has it is the one that changes no mode."""
+
 G_EFFECT, M_EFFECT = np.zeros(1000, np.int8), np.zeros(1000, np.int8)
 """Effects of G words, by ten times their number, and of M words; of the others (0) on the axes.
 

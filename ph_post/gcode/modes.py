@@ -30,6 +30,7 @@ from ph_post.gcode.codes import (
     FEED_MODE,
     FIELD,
     FLOOD,
+    FORGETTING,
     FRAME,
     FRAME_CHANGE,
     FRAMED,
@@ -124,9 +125,10 @@ def _code_of(value: float) -> Any:
 def _apply_g(value: Any, codes: Any, count: int, state: Any, given: Any) -> Any:
     """Set the groups of a block's G words (`given` by group): why not understood, its fault, word.
 
-    What two words of a group leave may be either.
+    What two words of a group leave may be either. A word that nobody knows may be a cycle that lasts, beside which no
+    other motion stands, or another work offset.
     """
-    why, fault, place = 0, 0, -1
+    why, fault, place, unknown = 0, 0, -1, False
     for k in range(count):
         code = _code_of(value[codes[0, k]])
         group = GROUP[code]
@@ -134,6 +136,7 @@ def _apply_g(value: Any, codes: Any, count: int, state: Any, given: Any) -> Any:
             effect = G_EFFECT[code]
             found = STAYING_G if effect == STAYS else SUBPROGRAM if effect == CALLS else UNKNOWN_G
             why = found if why in (0, STAYING_G) or found == SUBPROGRAM else why
+            unknown = unknown or (found == UNKNOWN_G and value[codes[0, k]] != FORGETTING)
             continue
         if given[group] >= 0 and (group != 1 or given[1] == code or (given[1] != 800 and code != 800)):
             fault, place = (fault, place) if fault else (TWO_OF_GROUP, codes[0, k])
@@ -147,6 +150,9 @@ def _apply_g(value: Any, codes: Any, count: int, state: Any, given: Any) -> Any:
             state[FRAME] = _framed(int(state[FRAME]), code)
         if group not in (15, 17) and FIELD[group] >= 0:
             state[FIELD[group]] = _setting(group, code)
+    if unknown:
+        state[SYSTEM] = UNKNOWN
+        state[MOTION] = state[MOTION] if given[1] >= 0 else UNKNOWN
     return why, fault, place
 
 
@@ -293,8 +299,9 @@ def _apply_words(words: Any, low: int, high: int, state: Any, before: Any, room:
         fault, word = TWICE, twice
     if not fault and (present >> LETTER_F) & 1 and values[LETTER_F] < 0.0:
         fault, word = NEGATIVE_FEED, where[LETTER_F]
-    if given[17] >= 0 and given[0] < 0 and state[FRAME] == before[FRAME] and present & AXES:
-        odd = UNKNOWN_G  # G50 X Z is no end of a scaling
+    ended = given[17] == 501 or (given[17] >= 0 and given[0] < 0 and state[FRAME] == before[FRAME])
+    if ended and present & AXES:
+        odd = UNKNOWN_G  # G50 X Z is no end of a scaling, and the axes of G50.1 are those it mirrors no longer
     speed = state[SPEED]
     _apply_numbers(values, present, given, before[UNITS], before[FEED_MODE], state)
     if why == STAYING_M:
@@ -369,7 +376,7 @@ def _run_block(
         for column in range(MODES):
             state[column] = first[column]
         state[FEED], state[FEED_KNOWN] = np.nan, 2.0
-    elif codes or why in (SUBPROGRAM, SAVED_STATE) or (why == CONTROLLER_LINE and trait & lexer.OTHER):
+    elif codes or odd in (SUBPROGRAM, SAVED_STATE) or (why == CONTROLLER_LINE and trait & lexer.OTHER):
         _forget_modes(state, before, True, fixed[0] if codes else fixed[1])
     elif why == CONTROLLER_LINE and not trait & lexer.KEEPS:
         _forget_modes(state, first, False, fixed[0])

@@ -439,3 +439,34 @@ def test_a_call_in_a_contour_may_end_it() -> None:
     contours = find_dialect("linuxcnc").language.contoured()
     block = read_program(text.encode(), "a.ngc", language=contours).motions.block
     assert block.tolist() == [5, 6]
+
+
+@pytest.mark.parametrize("word", ["G84.2", "G77", "G184", "G-810", "G1.05"])
+def test_a_g_word_that_nobody_knows_may_be_a_cycle_that_lasts(word):
+    program = read(f"G1 X5 Y5 Z5\n{word} X10 Y10\nX20 Y20 Z1\nX30\nG1 X40 Y5\nX50\n")
+    np.testing.assert_array_equal(program.motions.end[2:] * 1e3, [[40, 5, np.nan], [50, 5, np.nan]])
+    assert np.isnan(program.motions.start[2]).all()
+
+
+def test_a_motion_beside_a_g_word_that_nobody_knows_lasts():
+    program = read("G1 X5 Y5 Z5\nG187 G0 P2\nX20 Y20 Z1\n")
+    assert (program.modal_after(3).motion, ends(program)[-1]) == ("G0", [20, 20, 1])
+
+
+def test_the_work_offset_behind_a_g_word_that_nobody_knows_may_be_any():
+    """So the next G54 moves the frame, and behind it only what is told again is known."""
+    program = read("G54\nG0 X5 Y5 Z5\nG154 P1\nG0 X20 Y20 Z1\nG54\nG1 X30\nX40 Y2\n")
+    assert [block for kind, block, _ in kinds(program) if kind == "frame"] == [2, 6]
+    np.testing.assert_array_equal(program.motions.start[-2:] * 1e3, [[np.nan] * 3, [30, np.nan, np.nan]])
+
+
+@pytest.mark.parametrize("call", ["M98 P#1", "X5 ,R2 M98 P3", "#1=5 M98 P3"])
+def test_a_call_may_leave_any_mode_whatever_else_stands_on_its_line(call):
+    program = read(f"G1 X1\n{call}\nX20 Y20 Z1\nX5\n")
+    assert len(ends(program)) == 1
+
+
+def test_the_axes_of_a_mirror_s_end_are_no_places():
+    program = read("G1 X1\nG51.1 X0\nX20\nG50.1 X0\nX30 Y5\n")
+    assert ends(program)[-1][:2] == [30, 5]
+    assert np.isnan(program.motions.start[-1]).all()
