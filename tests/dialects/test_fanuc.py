@@ -427,3 +427,137 @@ def test_the_end_of_polar_coordinates_is_no_axis_word_s() -> None:
     """G15 stands beside G52, whose words they are; beside a move X is a place as before."""
     program = read("G15 G52 X0. Y0.\nG0 X20. Y1.\n")
     assert not [note for note in program.notes if "G15" in note.what]
+
+
+@pytest.mark.parametrize(
+    ("line", "known"),
+    [
+        ("G92.1 X0 Y0 Z0", [None, None, None]),
+        ("G92.1 X0", [None, 10.0, 0.0]),
+        ("G50.3 P0", [None, None, None]),
+        ("G10 L20 P2 X500.", [None, 10.0, 0.0]),
+        ("G10 L20 P48 X500. Z1.", [None, 10.0, None]),
+    ],
+)
+def test_another_zero_moves_nothing_and_forgets_the_axes_that_it_names(line: str, known: list[float | None]) -> None:
+    program = read(f"{line}\nG0 X20. Y20. Z20.\n")
+    assert program.notes == ()
+    assert program.motions.block[2:].tolist() == [LINES + 1]
+    np.testing.assert_array_equal(program.motions.start[2] / MM, [np.nan if one is None else one for one in known])
+    assert [(one.kind, one.block) for one in program.breaks][-2] == ("frame", LINES)
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "name"),
+    [
+        ("G101 X0.", "G100 X0.", "mirror image: G101"),
+        ("G107 C50.", "G107 C0", "cylindrical interpolation: G107"),
+        ("G234 H1", "G49", "tool centre point control: G234"),
+        ("G254", "G255", "dynamic work offset: G254"),
+        ("G268 X0. Y0. Z0. B90.", "G269", "tilted plane: G268"),
+    ],
+)
+def test_what_moves_in_another_frame_is_passed_through_up_to_its_end(begin: str, end: str, name: str) -> None:
+    program = read(f"{begin}\nG1 X20. Y5.\nX30.\n{end}\nG0 X1. Y2. Z3.\nX4.\n")
+    assert program.motions.block[2:].tolist() == [LINES + 4, LINES + 5]
+    assert np.isnan(program.motions.start[2]).all()
+    assert name in [note.what for note in program.notes]
+
+
+def test_polar_interpolation_of_lathes_is_no_word_of_mills() -> None:
+    body = "G112\nG1 X60. C0. F100.\nX40.\nG113\nG0 X50. Z5.\nX40.\n"
+    assert read(body, lathe=True).motions.block[2:].tolist() == [LINES + 4, LINES + 5]
+    assert "unknown G word: G112" in [note.what for note in read(body.replace(" C0.", "")).notes]
+
+
+def test_a_frame_lasts_within_another_and_a_mirror_up_to_its_last_axis() -> None:
+    program = read("G101 X0\nG101 Y0\nG100 X0\nG1 X5. Y5. Z5.\nG100 Y0\nG0 X1. Y2. Z3.\n")
+    assert program.motions.block[2:].tolist() == [LINES + 5]
+    program = read("G254\nG68 X0. Y0. R45.\nX5. Y5.\nG69\nG1 X5. Y5. Z5.\nG255\nG0 X1. Y2. Z3.\n")
+    assert program.motions.block[2:].tolist() == [LINES + 6]
+
+
+@pytest.mark.parametrize("word", ["G100", "G255", "G269"])
+def test_the_end_of_a_frame_that_has_not_begun_is_another_machine_s_word(word: str) -> None:
+    """G100 changes the tool on Brother's machines."""
+    program = read(f"{word} X20. Y5.\nX30.\nG0 X1.\n")
+    assert program.notes[0].what == f"unknown G word: {word}"
+    assert program.motions.block[2:].tolist() == [LINES + 2]
+
+
+@pytest.mark.parametrize("word", ["G72.1 P2000 L3 X0. Y0. R90.", "G72.2 P2000 L3 I10. J0."])
+def test_a_figure_that_is_copied_is_that_of_a_subprogram(word: str) -> None:
+    program = read(f"{word}\nG1 X20. Y5.\nX30.\n")
+    assert program.notes[0].what == f"call of a macro or subprogram: {word}"
+    assert program.motions.block.size == 2
+
+
+@pytest.mark.parametrize("line", ["G81 X5. Z-5. R2. K3 F100.", "G81 X5. Z-5. R2. F100.\nX7. K2"])
+def test_how_often_a_cycle_is_repeated_is_no_length(line: str) -> None:
+    told = [note.what for note in read(f"{line}\nG80\nG1 X2000 Y5.\n").notes if INCREMENTS in note.what]
+    assert told == [f"{INCREMENTS}: X2000"]
+    assert not [note for note in read(f"{line}\nG80\n").notes if INCREMENTS in note.what]
+
+
+@pytest.mark.parametrize("corner", ["X20. ,R3.", "X20. ,C2.", "X20. , R1. F300. (ROUND)"])
+def test_the_move_behind_a_corner_is_passed_through_with_it(corner: str) -> None:
+    """The control makes the corner of both, and of what stands between."""
+    program = read(f"{corner}\nM8\nG4 X1.\n/Y25.\nY30. (NEXT);\nX1. Y2. Z3.\nX4.\n")
+    assert program.motions.block[2:].tolist() == [LINES + 5, LINES + 6]
+    assert np.isnan(program.motions.start[2]).all()
+    told = [(note.first - LINES, note.last - LINES) for note in program.notes if "behind a rounded" in note.what]
+    assert told == [(3, 4)]
+
+
+@pytest.mark.parametrize(
+    ("line", "word"),
+    [
+        ("Z-2. C1.", "C1."),
+        ("G1 X40. C-1. F0.2", "C-1."),
+        ("U4. R1.", "R1."),
+        ("X40. K2.", "K2."),
+        ("W-4. I-2.", "I-2."),
+        ("X38. A135.", "A135."),
+        ("A135.", "A135."),
+    ],
+)
+def test_a_corner_of_a_lathe_needs_no_comma(line: str, word: str) -> None:
+    program = read(f"{line}\nZ-20.\nX60. Z-25.\nX61.\n", lathe=True)
+    assert program.motions.block[2:].tolist() == [LINES + 2, LINES + 3]
+    assert np.isnan(program.motions.start[2]).all()
+    assert f"chamfer, corner or angle of a drawing: {word}" in [note.what for note in program.notes]
+
+
+@pytest.mark.parametrize("line", ["G0 X40. C90.", "G2 X14. Z-2. R2.", "G3 X14. Z-2. I0. K-2.", "C90."])
+def test_no_corner_is_made_beside_a_rapid_or_an_arc_or_by_a_spindle_that_turns(line: str) -> None:
+    program = read(f"{line}\nG1 Z-20. F0.2\n", lathe=True)
+    assert program.motions.block[-1] == LINES + 1
+    assert not [note for note in program.notes if "corner" in note.what]
+
+
+MILL = "G91\nX-30. ,R3.\nY40.\nX20. ,C2.\nY-20.\nX-40.\nX30.\nX-20.\nG90\nG0 Z50.\n"
+TURN = "G50 S2500\nG96 S200\nG0 X20. Z2.\nG1 Z-20. C1. F0.2\nX50.\nZ-15.\nX60. C1.\nZ-30.\nX40.\nZ-50.\nX45.\n"
+
+
+@pytest.mark.parametrize(
+    ("body", "pairs"),
+    [
+        (MILL, ["X-30. ,R3.\nY40.\n", "X20. ,C2.\nY-20.\n"]),
+        (TURN, ["G1 Z-20. C1. F0.2\nX50.\n", "X60. C1.\nZ-30.\n"]),
+        ("X50.\nX20.\nG92.1 X0 Y0 Z0\nG0 X10. Y10.\nG1 X50.\nX10.\n", ["\nG92.1 X0 Y0 Z0\n"]),
+        (
+            "G84.2 X10. Y10. Z-5. R2. F500.\nX30.\nX20. Y30.\nX5. Y5.\nG80\n",
+            ["R2. F500.\nX30.\nX20. Y30.\nX5. Y5.\nG80"],
+        ),
+    ],
+    ids=["corners", "corners of a lathe", "zero", "cycle"],
+)
+def test_nothing_is_changed_or_put_between_where_the_control_needs_the_lines_as_they_are(
+    body: str, pairs: list[str]
+) -> None:
+    data = (HEAD + body + TAIL).encode()
+    made = compensate(data, replace(read_machine("stepper"), dialect="fanuc"), dialect="fanuc").text
+    assert len(made.splitlines()) > len(data.splitlines()) + 5
+    for pair in pairs:
+        assert pair.encode() in made
+    assert undo(made, "a.nc") == data

@@ -23,8 +23,11 @@ _LOOP: Final = re.compile(rb"(DO|END)[ \t]*(\d+)")
 _JUMP: Final = re.compile(rb"(GOTO|M0*99[ \t]*P)[ \t]*(\d*)")
 """A jump, and an end that leads to a line: of the same program where that is the main one, else of its caller."""
 
+_CYLINDERS: Final = (7.1, 107.0)
+"""They begin with a radius, and end with C0 (B-64484EN, "Cylindrical interpolation")."""
+
 _MODES: Final[Mapping[float, tuple[bytes, str]]] = {
-    7.1: (b"G68", "cylindrical interpolation"),
+    **dict.fromkeys(_CYLINDERS, (b"G68", "cylindrical interpolation")),
     12.1: (b"G68", "polar interpolation"),
     13.1: (b"G69", ""),
     **dict.fromkeys((68.2, 68.3, 68.4), (b"G68", "tilted plane")),
@@ -33,8 +36,32 @@ _MODES: Final[Mapping[float, tuple[bytes, str]]] = {
     **dict.fromkeys((2.3, 3.3), (b"G33", "exponential interpolation")),
     **dict.fromkeys((2.4, 3.4), (b"G33", "arc in space")),
     6.1: (b"G33", "spline interpolation"),
+    234.0: (b"G43.4", "tool centre point control"),
+    **dict.fromkeys((50.3, 92.1), (b"G52", "")),
 }
-"""In the words of RS274's reader a turned frame, its end, or a motion that is not understood; and a name."""
+"""In the words of RS274's reader a turned frame, its end, another zero, or a motion that is not understood; and a name.
+
+G92.1 (on lathes G50.3 too) brings the named axes' coordinates back to what they are without G92 and moves nothing
+(B-64484EN, "Workpiece coordinate system preset"). G234 is Haas's and ends in G49 (Mill Operator's Manual, "G-codes").
+"""
+
+_FRAMES: Final[Mapping[float, tuple[float, bytes, bytes, str]]] = {
+    51.1: (50.1, b"G51.1", b"G50.1", ""),
+    101.0: (100.0, b"G51.1", b"G50.1", "mirror image"),
+    112.0: (113.0, b"G68", b"G69", "polar interpolation"),
+    254.0: (255.0, b"G7", b"G8", "dynamic work offset"),
+    268.0: (269.0, b"G68", b"G69", "tilted plane"),
+}
+"""By the word with which a frame begins the one that ends it, both in words of RS274's reader, and a name.
+
+Ends are others' words where nothing has begun: G100 changes the tool on Brother's. G101, G254 and G268 are Haas's (Mill
+Operator's Manual, "G-codes"), and G112 is that of lathes (B-64484EN-1, "Polar coordinate interpolation"; on Haas's
+mills it is a work offset). G7 stands for a frame within which others begin and end; of Fanuc's words it is none.
+"""
+_MIRRORS: Final = frozenset((50.1, 100.0))
+
+_CALLS: Final = frozenset((65.0, 66.0, 66.1, 67.0, 72.1, 72.2))
+"""Calls of macros, and of the subprogram whose figure G72.1 and G72.2 repeat (B-64484EN-2, "Figure copy")."""
 
 TURNED: Final = rb"G0*(?:3[24]|50|9[02489])(?!\d)|G7[0-6](?!\d)|T[ \t]*\d"
 """Pattern of the words that mean another thing on a lathe (G code system A) than in RS274."""
@@ -51,7 +78,7 @@ _TURNED: Final[Mapping[float, tuple[bytes, str]]] = {
 _QUIET: Final = frozenset((5.0, 5.1, 8.0, 22.0, 23.0, 25.0, 26.0))
 """Look-ahead, contour control, limit checks: they move nothing."""
 _ARCS: Final = frozenset((2.0, 3.0))
-_OTHER_PLACES: Final = frozenset((4.0, 10.0, 28.0, 30.0, 50.0, 53.0, 65.0, 92.0))
+_OTHER_PLACES: Final = frozenset((4.0, 10.0, 28.0, 30.0, 50.0, 53.0, 65.0, 92.0, 92.1))
 """G words beside which axis words are no places, or those of the machine."""
 
 _SWITCHED: Final = re.compile(rb"(?<=[\d. \t])/[1-9]?[ \t]*((?:M[ \t]*\d+[ \t]*)+)\Z")
@@ -100,7 +127,7 @@ class Editor:
     Attributes
     ----------
     text : bytes
-        Its translation, as long as the line.
+        Its translation, as long as the line but where a word of it has no room.
     remark : Remark or None
         What is not understood.
     dwell : int or None
@@ -112,7 +139,7 @@ class Editor:
     def __init__(
         self, text: bytes, bare: bytes, *, calculator: bool, turned: bool = False, by_words: bool = False
     ) -> None:
-        self._text = bytearray(text)
+        self._text, self._ahead = bytearray(text), b""
         self._bare = bare
         self._calculator, self._turned, self._by_words = calculator, turned, by_words
         self._words = words_of(bare)
@@ -125,10 +152,16 @@ class Editor:
     @property
     def text(self) -> bytes:
         """The line as it is now."""
-        return bytes(self._text)
+        return self._ahead + bytes(self._text)
 
-    def translate(self) -> None:
-        """Change what has to be changed."""
+    def translate(self, frames: dict[float, set[bytes]]) -> None:
+        """Change what has to be changed.
+
+        Parameters
+        ----------
+        frames : dict
+            The words that end what has begun on lines before, with the axes named there; they are kept up.
+        """
         if _MACRO.search(self._bare):
             self._whole("macro statement")
             return
@@ -137,12 +170,13 @@ class Editor:
             self._note("division by zero" if _BY_ZERO.search(self._bare) else "parameter", 0, len(self._bare))
             self._put(0, len(self._text))
             return
-        if {65.0, 66.0, 66.1, 67.0} & self._codes.keys() or self._has(b"M", 198):
+        if _CALLS & self._codes.keys() or self._has(b"M", 198):
             self._whole("call of a macro or subprogram")
             return
         self._switched()
         self._frame_words()
         self._modes()
+        self._frames(frames)
         if self._turned or sum(letter == b"T" for letter, _, _, _ in self._words) > 1:
             self._turret()
         if self._by_words:
@@ -166,6 +200,8 @@ class Editor:
             self.remark = Remark(what=f"{what}: {shown}", column=column)
 
     def _put(self, start: int, end: int, new: bytes = b"") -> None:
+        if len(new) > end - start:
+            self._ahead, new = self._ahead + new + b" ", b""
         self._text[start:end] = new.ljust(end - start)
 
     def _switched(self) -> None:
@@ -198,10 +234,30 @@ class Editor:
                 self._quiet(code, start, end)
             elif code in _MODES:
                 word, name = _MODES[code]
-                ends = code == 7.1 and self._has(b"C", 0.0)
+                ends = code in _CYLINDERS and self._has(b"C", 0.0)
                 self._put(start, end, b"G69" if ends else word)
                 if name and not ends:
                     self._note(name, start, end)
+
+    def _frames(self, frames: dict[float, set[bytes]]) -> None:
+        """Let frames begin and end; a mirror ends with its last axis, and what stands beside its end is no place."""
+        places = [word for word in self._words if word[0] in b"XYZABCUVW"]
+        axes = {letter for letter, _, _, _ in places}
+        for code, (start, end) in self._codes.items():
+            if code in _FRAMES and (self._turned or code != 112.0):
+                closing, word, _, name = _FRAMES[code]
+                frames.setdefault(closing, set()).update(axes)
+                self._put(start, end, word)
+                if name:
+                    self._note(name, start, end)
+            elif code in frames:
+                left = frames.pop(code) - axes if axes and code in _MIRRORS else set()
+                begins, ends = next(words[1:3] for words in _FRAMES.values() if words[0] == code)
+                self._put(start, end, begins if left else ends)
+                if left:
+                    frames[code] = left
+                for _, _, first, last in places:
+                    self._put(first, last)
 
     def _turret(self) -> None:
         """Let T, which turns the turret of a lathe and takes up another offset, be a change of the tool.
@@ -255,10 +311,14 @@ class Editor:
                     self._note("dwell without a decimal point", start, end)
 
     def _lengths(self) -> None:
-        """Take the sense from arcs whose P means nothing here, and from L20, which sets another work offset."""
-        for letter, number, start, _ in self._words:
-            if 10.0 in self._codes and letter == b"L" and float(number) == 20.0:
-                self._put(start, start + 1 + len(number), b"L2")
+        """Take the sense from arcs whose P means nothing here, and from L20, which sets a further work offset.
+
+        That may be the one in force (``G54.1 P2``), as P0 says.
+        """
+        further = 10.0 in self._codes and self._has(b"L", 20.0)
+        for letter, _, start, end in self._words:
+            if further and letter in b"LP":
+                self._put(start, end, b"L2" if letter == b"L" else b"P0")
         words = [word for word in self._words if word[0] == b"P"] if _ARCS & self._codes.keys() else []
         if not words or {10.0, 28.0, 30.0, 53.0} & self._codes.keys():
             return
@@ -330,3 +390,100 @@ def _target(label: bytes, bare: bytes) -> int | None:
         return None
     place = re.compile(rb"^[ \t]*/?[ \t]*N[ \t]*0*%s(?!\d)" % label.lstrip(b"0"), re.MULTILINE).search(bare)
     return None if place is None else place.end() - 1
+
+
+class Corner(msgspec.Struct, frozen=True, kw_only=True):
+    """A line whose end is rounded, chamfered or given by an angle, and the lines of the move behind it.
+
+    `word` is the text of what says so without a comma, and `column` its place, from 1.
+    """
+
+    line: int
+    behind: list[int]
+    word: str = ""
+    column: int = 1
+
+
+_COMMA_CORNER: Final = re.compile(rb",[ \t]*[ACR]")
+_PLAIN_CORNER: Final = re.compile(
+    rb"[ACIKR][ \t]*[-+.\d]|G[ \t]*0*(?:[0-3]|3[234]|8\d|9[024]|7\.1|1[01][237]|1[23]\.1)(?![\d.])"
+)
+"""What may be a corner on a lathe, and the words that say whether it is."""
+_MOTIONS: Final = frozenset((0.0, 1.0, 2.0, 3.0, 32.0, 33.0, 34.0, *map(float, range(80, 90))))
+_TURNING: Final = frozenset((90.0, 92.0, 94.0))
+_STRAIGHT: Final = frozenset((1.0, 80.0))
+_APART: Final = _OTHER_PLACES | frozenset(map(float, range(70, 77)))
+_MOVES: Final = re.compile(rb"[XYZIJKUVW][ \t]*[-+.\d#\[]")
+_STILL: Final = re.compile(rb"G[ \t]*0*4(?![\d.])|^[ \t]*(?:N[ \t]*\d+[ \t]*)?#")
+
+
+def corners_of(bare: bytes, lines: PlaceArray, *, lathe: bool, by_words: bool) -> list[Corner]:
+    r"""Find the corners that the control makes between two moves, and needs both of them for.
+
+    ``,R``, ``,C`` and ``,A`` (B-64484EN-2, "Optional chamfering and corner R"); on lathes also R, C, A, I and K without
+    a comma beside a straight move (B-64484EN-1, "Chamfering and corner R", "Direct drawing dimension programming").
+
+    Parameters
+    ----------
+    bare : bytes
+        The text, masked.
+    lines : PlaceArray
+    lathe : bool
+        Whether it is the program of a lathe.
+    by_words : bool
+        Whether that is of G code system A.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> text, lines = b"G1 X5.\nZ-5. C1.\nM8\nX9.\n", np.array([0, 7, 16, 19, 23])
+    >>> [(one.line, one.behind, one.word) for one in corners_of(text, lines, lathe=True, by_words=True)]
+    [(1, [3], 'C1.')]
+    >>> corners_of(text, lines, lathe=False, by_words=False)
+    []
+    """
+    places = [found.start() for found in _COMMA_CORNER.finditer(bare)]
+    found = dict.fromkeys((np.searchsorted(lines, places, "right") - 1).tolist(), ("", 1))
+    if lathe:
+        found = _plain_corners(bare, lines, by_words=by_words) | found
+    return [
+        Corner(line=line, behind=_behind(line, bare, lines), word=word, column=column)
+        for line, (word, column) in sorted(found.items())
+    ]
+
+
+def _plain_corners(bare: bytes, lines: PlaceArray, *, by_words: bool) -> dict[int, tuple[str, int]]:
+    """Find corners without a comma: by line their word, and its column."""
+    found: dict[int, tuple[str, int]] = {}
+    motions = _MOTIONS | (_TURNING if by_words else frozenset())
+    motion, inside = 1.0, False
+    places = [word.start() for word in _PLAIN_CORNER.finditer(bare)]
+    for line in np.unique(np.searchsorted(lines, places, "right") - 1).tolist():
+        words = words_of(bare[lines[line] : lines[line + 1]])
+        codes = {float(number) for letter, number, _, _ in words if letter == b"G"}
+        if codes & {*_CYLINDERS, 12.1, 13.1, 112.0, 113.0}:
+            ends = any(letter == b"C" and float(number) == 0.0 for letter, number, _, _ in words)
+            inside = not (ends or codes & {13.1, 113.0})
+            continue
+        motion = next(iter(codes & motions), motion)
+        moves = any(letter in b"XZUW" for letter, _, _, _ in words)
+        corner = next((word for word in words if word[0] in (b"ACIKR" if moves else b"A")), None)
+        if corner is not None and motion in _STRAIGHT and not inside and not codes & _APART - motions:
+            start, end = corner[2:]
+            text = bare[lines[line] + start : lines[line] + end]
+            found[line] = (text.decode("ascii", "replace"), start + 1)
+    return found
+
+
+def _behind(line: int, bare: bytes, lines: PlaceArray) -> list[int]:
+    """Find the line of the next move, with those before it that move or not, by a switch."""
+    found: list[int] = []
+    for number in range(line + 1, lines.size - 1):
+        text = bare[lines[number] : lines[number + 1]]
+        if _MOVES.search(text) and not _STILL.search(text):
+            found.append(number)
+            if not text.lstrip().startswith(b"/"):
+                break
+        elif _PROGRAM_END.search(text):
+            break
+    return found

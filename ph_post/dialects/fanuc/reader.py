@@ -23,6 +23,7 @@ from ph_post.dialects.fanuc.lines import (
     TURNED,
     Editor,
     PassedLines,
+    corners_of,
     jumps_and_loops,
     unmeasured,
     words_of,
@@ -200,7 +201,8 @@ def with_nurbs(program: PartProgram, nurbs: Sequence[NurbsBlocks]) -> PartProgra
 
 
 _ODD: Final = re.compile(
-    rb"G0*[45789](?!\d)|G\d+\.\d|G10(?!\d)|G2[2356](?!\d)|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<"
+    rb"G0*[45789](?!\d)|G\d+\.\d|G10[017]?(?!\d)|G11[23](?!\d)|G2(?:34|5[45]|6[89])(?!\d)|G2[2356](?!\d)"
+    rb"|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<"
     rb"|M0*99[ \t]*P|#[^\n\r]*/|[\d. \t]/|G9[01](?!\d)[^\n\r]*G9[01](?!\d)|T[ \t]*\d[^\n\r]*T[ \t]*\d|" + MACRO,
     re.MULTILINE,
 )
@@ -217,6 +219,8 @@ _NO_CALL: Final = re.compile(rb"G67(?!\d)")
 _LENGTHS: Final = np.isin(np.arange(256), [ord(letter) for letter in "XYZIJKRUVWABC"])
 """Letters of lengths and angles."""
 
+
+_WITH_K: Final = frozenset(("G1", "G2", "G3", "G33"))
 
 UNMEASURED: Final = "subprogram without G90 or G91: what its places mean is set by the program that calls it"
 FURTHER: Final = "ABC"
@@ -381,11 +385,13 @@ def _translated(
         _pass(stretch, texts, remarks)
     if lathe:
         _pass_shapes(bare, texts, remarks)
+    cut = _give_up_corners(bare, lines, texts, remarks, lathe=lathe, by_words=by_words)
+    frames: dict[float, set[bytes]] = {}
     for number in sorted(bares):
         if number in remarks:
             continue
         editor = Editor(texts[number], bares[number], calculator=calculator, turned=lathe, by_words=by_words)
-        editor.translate()
+        editor.translate(frames)
         texts[number] = editor.text
         if editor.remark is not None:
             remarks[number] = editor.remark
@@ -395,6 +401,7 @@ def _translated(
             _pass(_modal_call(number, bare, lines), texts, remarks)
         if editor.begins_nurbs:
             curved.append(number)
+    remarks = cut | remarks
     unsaid = None if by_words else unmeasured(bare, lines)
     if unsaid is not None and texts[unsaid].strip() != NOT_UNDERSTOOD.encode():
         # Of two words of a group the reader knows that either may hold.
@@ -445,11 +452,16 @@ def _with_note(program: PartProgram, note: Note) -> PartProgram:
 
 
 def _first_without_point(program: PartProgram, texts: Sequence[bytes]) -> tuple[int, int, str] | None:
-    """Return line, column and text of the first length that has no decimal point, None where all have."""
+    """Return line, column and text of the first length that has no decimal point, None where all have.
+
+    K is one beside lines, arcs and threads alone: elsewhere it counts how often a cycle is repeated.
+    """
     translated = b"\n".join([*texts, b""])
     lines = lines_of(translated, program.name)
     words = read_words(translated, lines).words
-    rows = np.flatnonzero(_without_point(words, translated) & (words.block <= program.breaks[-1].block))
+    plain = _without_point(words, translated) & (words.block <= program.breaks[-1].block)
+    lengths = np.array([modal.motion in _WITH_K for modal in program.modal])[program.state[words.block]]
+    rows = np.flatnonzero(plain & ((words.letter != ord("K")) | lengths))
     if not rows.size:
         return None
     block = int(words.block[rows[0]])
@@ -500,6 +512,26 @@ def _pass_shapes(bare: bytes, texts: list[bytes], remarks: dict[int, Remark]) ->
                 what = f"{FORGOTTEN} F#1" if number == last else FORGOTTEN
                 texts[number] = what.encode().ljust(len(texts[number]))
                 remarks[number] = Remark(what="shape of a turning cycle")
+
+
+def _give_up_corners(
+    bare: bytes, lines: PlaceArray, texts: list[bytes], remarks: dict[int, Remark], *, lathe: bool, by_words: bool
+) -> dict[int, Remark]:
+    """Let no place be known behind corners that the control makes, nor behind the moves that follow; name them.
+
+    Nothing may come between the two, and a corner has to fit into the second: both stay as they are.
+    """
+    found: dict[int, Remark] = {}
+    corners = corners_of(bare, lines, lathe=lathe, by_words=by_words)
+    named = {one.line for one in corners}
+    for one in corners:
+        if one.word:
+            found[one.line] = Remark(what=f"chamfer, corner or angle of a drawing: {one.word}", column=one.column)
+        found |= dict.fromkeys(set(one.behind) - named, Remark(what="move behind a rounded or chamfered corner"))
+    for number in found.keys() - remarks.keys():
+        end = len(bare[lines[number] : lines[number + 1]].rstrip())
+        texts[number] = texts[number][:end] + b",R0" + texts[number][end:]
+    return found
 
 
 def _modal_call(number: int, bare: bytes, lines: np.ndarray) -> PassedLines:
