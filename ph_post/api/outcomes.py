@@ -158,7 +158,7 @@ _ON_LATHES: Final = ("turning cycle", "axis other than X, Y and Z: U", "axis oth
 _TURNED: Final = "motion in a turned, scaled, polar or diameter frame"
 _WRITTEN_OUT: Final[Mapping[str, tuple[str, ...]]] = {
     **dict.fromkeys(WRITTEN_AS_LINUXCNC, _COMPUTED),
-    "fanuc": (*_COMPUTED, "loop of a macro", "jump of a macro", _TURNED),
+    "fanuc": (*_COMPUTED, "loop of a macro", "jump of a macro"),
     "siemens": ("repeated part", "lines of a jump"),
     "heidenhain": (
         *("repeated part", "part that is jumped", "call or jump: ", "call of a cycle", "Q parameter"),
@@ -168,6 +168,7 @@ _WRITTEN_OUT: Final[Mapping[str, tuple[str, ...]]] = {
 """What begins the notes of stretches that can be written out, by dialect."""
 
 _FLAT_FRAMES: Final = {
+    "fanuc": re.compile(rb"G(?:68|51(?:\.1)?)(?![\d.])", re.IGNORECASE),
     "heidenhain": re.compile(rb"CYCL\s+DEF\s+(?:8|10)\.1", re.IGNORECASE),
     "siemens": re.compile(rb"\bA?(?:ROT|MIRROR)\b", re.IGNORECASE),
 }
@@ -175,7 +176,7 @@ _FLAT_FRAMES: Final = {
 
 _OTHER_FRAME: Final = re.compile(
     rb"CYCL\s+DEF\s+(?:11|19|26)\b|\bPLANE\b|\bTCPM\b|M\s*128(?!\d)|\bA?(?:SCALE|ROTS)\b|CROTS|CYCLE800|TRA[A-Z]+\b(?<!TRANS)"
-    rb"|\bTO(?:FRAME|ROT)|PAROT|DIAMON|DIAM90",
+    rb"|\bTO(?:FRAME|ROT)|PAROT|DIAMON|DIAM90|G(?:0*7\.1|12\.1|43\.[45]|68\.[234]|10[17]|112|234|254|268)(?!\d)",
     re.IGNORECASE,
 )
 """What has frames besides that are not."""

@@ -15,6 +15,7 @@ from ph_post.api.outcomes import left_words, passed_through
 from ph_post.api.results import AxisReversals
 from ph_post.cli.main import main
 from ph_post.compensate.plan_warnings import passing_warnings
+from ph_post.dialects.reading import read_as
 from ph_post.dialects.registry import find_dialect
 from ph_post.gcode.read import read_program
 from ph_post.report.result_line import ResultSummary, result_lines
@@ -145,6 +146,7 @@ def test_cuts_without_a_known_error_are_named(capsys: pytest.CaptureFixture[str]
         ("fanuc", "M98 P100\n", "--expand writes it out as plain moves"),
         ("siemens", "LAB: G1 X20\nX30\nREPEAT LAB P2\n", "--expand writes it out as plain moves"),
         ("fanuc", "G1 X20. F600 ,R5.\nY20.\n", "--expand writes it out as plain moves"),
+        ("fanuc", "G68 X0. Y0. R45.\nG1 X20. F600.\nG69\n", "--expand writes it out as plain moves"),
         (
             "linuxcnc",
             "M300 (a macro of the shop's own)\n",
@@ -164,6 +166,13 @@ def test_what_would_have_it_compensated_is_said(dialect: str, text: str, way: st
     (said,) = passed_through(program, dialect)
     assert said.endswith(f"{way})")
     assert "; --expand" not in passed_through(program, dialect, expand=True)[0]
+
+
+@pytest.mark.parametrize("frame", ["G101 X0.", "G268 X0. Y0. Z0.", "G254", "G12.1", "G7.1 C50."])
+def test_nothing_is_advised_for_frames_that_are_not_written_out(frame: str) -> None:
+    text = f"G21 G90 G17\nG0 X0 Y0\n{frame}\nG1 X20. F600.\nM30\n".encode()
+    (said,) = passed_through(read_as("fanuc", text, "part.nc"), "fanuc")
+    assert "--expand" not in said
 
 
 def test_less_feed_that_helps_is_said_where_nothing_else_does() -> None:
