@@ -561,3 +561,33 @@ def test_nothing_is_changed_or_put_between_where_the_control_needs_the_lines_as_
     for pair in pairs:
         assert pair.encode() in made
     assert undo(made, "a.nc") == data
+
+
+SUB = "O2000\nG41 D1 G1 X9. F100.\nX20.\n{}M99\n"
+HEAD_AND_CUTS = ("O1\nG21 G17 G90 G40 G94\nG0 X0. Y0. Z5.\n", "G90 G0 X1. Y1.\nG1 X60. F100.\nX5.\n")
+
+
+@pytest.mark.parametrize(
+    ("between", "sub", "known"),
+    [
+        ("M98 P2000\n", SUB.format("G40 X40.\n"), 3),
+        ("M98 P2000\n", SUB.format(""), 0),
+        ("M98 P2000\n", SUB.format("/G40 X40.\n"), 0),
+        ("M98 P2000\nG40\n", SUB.format(""), 3),
+        ("WHILE[#1LT3]DO1\nG41 D1\nEND1\n", "", 0),
+        ("IF[#1EQ1]GOTO10\nG41 D1 X5.\nN10\n", "", 0),
+    ],
+)
+def test_behind_a_call_the_cutter_is_beside_a_contour_where_it_may_be(between: str, sub: str, known: int) -> None:
+    head, cuts = HEAD_AND_CUTS
+    text = f"{head}{between}{cuts}M30\n{sub}"
+    first = (head + between).count("\n")
+    assert (read_fanuc(text.encode(), "a.nc").motions.block >= first).sum() == known
+
+
+def test_a_subprogram_begins_on_whichever_side_the_cutter_is() -> None:
+    body = "G90 G0 X1. Y1.\nG1 X60. F100.\nX5.\n"
+    main = "O1000\nG90 G54\nG41 D1 G1 X0. F100.\nM98 P2000\nG40 X9.\nM30\n"
+    assert not read_fanuc(f"O2000\n{body}M99\n{main}".encode(), "a.nc").motions.block.size
+    assert read_fanuc(f"O2000\nG40\n{body}M99\n{main}".encode(), "a.nc").motions.block.size == 3
+    assert read_fanuc(f"O2000\n{body}M99\n{main.replace('G41', 'G49')}".encode(), "a.nc").motions.block.size >= 3

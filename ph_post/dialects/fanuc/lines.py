@@ -88,7 +88,8 @@ _RESTING: Final = frozenset((0.0, 1.0, 7.0, 8.0, 9.0))
 _STAYS: Final = b"M10"
 """A word that stands for them: none of them changes how axes move."""
 
-_PROGRAM_END: Final = re.compile(rb"M[ \t]*0*(2|30|99)(?!\d)")
+PROGRAM_END: Final = re.compile(rb"M[ \t]*0*(2|30|99)(?!\d)")
+"""The end of a program, or of a subprogram."""
 
 
 class PassedLines(msgspec.Struct, frozen=True, kw_only=True):
@@ -355,7 +356,7 @@ def unmeasured(bare: bytes, lines: PlaceArray) -> int | None:
         if codes & {90.0, 91.0}:
             return None
         if not codes & _OTHER_PLACES and any(letter in b"XYZUVW" for letter, _, _, _ in words):
-            end = _PROGRAM_END.search(bare, int(lines[number]))
+            end = PROGRAM_END.search(bare, int(lines[number]))
             return number if end is not None and end[1] == b"99" else None
     return None
 
@@ -484,6 +485,6 @@ def _behind(line: int, bare: bytes, lines: PlaceArray) -> list[int]:
             found.append(number)
             if not text.lstrip().startswith(b"/"):
                 break
-        elif _PROGRAM_END.search(text):
+        elif PROGRAM_END.search(text):
             break
     return found

@@ -20,6 +20,7 @@ import numpy as np
 
 from ph_post.dialects.fanuc.lines import (
     MACRO,
+    PROGRAM_END,
     TURNED,
     Editor,
     PassedLines,
@@ -38,7 +39,7 @@ from ph_post.dialects.reading import (
 )
 from ph_post.expand.macro import COUNTED, SMALL, is_doubtful
 from ph_post.expand.turning import TURNED_NOTE, has_feeds_per_turn, has_increments_by_words, is_turned, shapes_of
-from ph_post.gcode.codes import ABSOLUTE, EXPRESSION, FEED_MODE, PLANE, QUIET, STAYS, UNITS
+from ph_post.gcode.codes import ABSOLUTE, COMPENSATION, EXPRESSION, FEED_MODE, PLANE, QUIET, STAYS, UNITS, UNKNOWN
 from ph_post.gcode.language import Language
 from ph_post.gcode.numbers import masked
 from ph_post.gcode.program import AXES, NURBS, Note, NurbsData, PartProgram, PlaceArray, WordSource, WordTable
@@ -211,6 +212,9 @@ _ODD: Final = re.compile(
 _TURNED: Final = re.compile(TURNED)
 _FEED_MODES: Final = re.compile(rb"G9[3458](?![\d.])|G99(?![\d.])")
 _INVERSE: Final = re.compile(rb"G93(?![\d.])")
+_SIDE: Final = re.compile(rb"G[ \t]*0*(4[012])(?!\d|\.[1-9])")
+_WAYS: Final = re.compile(rb"IF|WHILE|GOTO|M0*99[ \t]*P|^[ \t]*/[^\n\r]*G[ \t]*0*4[012]|G[ \t]*[\[#]", re.MULTILINE)
+"""Ways on which a G40 may not be met, and words that may be one."""
 _OTHER_PLANES: Final = re.compile(rb"G1[79](?!\d)")
 
 _NO_CALL: Final = re.compile(rb"G67(?!\d)")
@@ -421,6 +425,9 @@ def _begun_modes(bare: bytes, *, lathe: bool, by_words: bool) -> dict[int, float
     unsaid = has_feeds_per_turn(bare) and not _FEED_MODES.search(bare)
     found = {FEED_MODE: 95.0} if lathe or unsaid else {}
     found |= {PLANE: 18.0} if lathe and not _OTHER_PLANES.search(bare) else {}
+    end = PROGRAM_END.search(bare)
+    if end is not None and end[1] == b"99" and _SIDE.search(bare):
+        found[COMPENSATION] = UNKNOWN  # a subprogram is called on whichever side the cutter is
     return found | ({ABSOLUTE: 1.0} if by_words else {})
 
 
@@ -429,8 +436,19 @@ def _left_modes(bare: bytes) -> dict[int, float]:
 
     No program may change from inches to mm or back (B-64484EN, "Inch/metric conversion"). Where none of its own lines
     says G93, under which a block without F is refused (B-64484EN-2, "Inverse time feed"), F is one a minute or a turn.
+    Where each of its programs ends in G40 what it has begun, calls leave the cutter where it was.
     """
-    return {UNITS: np.inf} | ({} if _INVERSE.search(bare) else {FEED_MODE: 95.0})
+    found = {UNITS: np.inf} | ({} if _INVERSE.search(bare) else {FEED_MODE: 95.0})
+    return found | ({COMPENSATION: np.inf} if _ends_sides(bare) else {})
+
+
+def _ends_sides(bare: bytes) -> bool:
+    """Return whether each program of a text ends the cutter compensation that it begins, whatever its way."""
+    if _WAYS.search(bare):
+        return False
+    begins = [0, *(end.end() for end in PROGRAM_END.finditer(bare))]
+    last = [_SIDE.findall(bare, *span) for span in zip(begins, [*begins[1:], len(bare)], strict=True)]
+    return all(not sides or sides[-1] == b"40" for sides in last)
 
 
 def _say_diameters(program: PartProgram) -> PartProgram:
