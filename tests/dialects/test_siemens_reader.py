@@ -423,3 +423,46 @@ def test_under_g70_lengths_are_inches_and_f_counts_as_the_control_is_set() -> No
 def test_a_tool_s_length_in_iso_words_moves_z_alone() -> None:
     program = _read("G71 G90 G17\nG0 X1 Y2 Z3\nG43 H1\nG1 X5 F100\nG49\nM30\n")
     assert np.array_equal(program.motions.end[-1], [0.005, 0.002, np.nan], equal_nan=True)
+
+
+SAFE = "G71 G17 G90 G94 G40 G54 G64"
+
+
+def _ends_behind(program: PartProgram, line: int) -> np.ndarray:
+    """X and Y [mm] at the ends of the motions of a line and those behind it."""
+    return (1e3 * program.motions.end[program.motions.block >= line, :2]).round(9)
+
+
+@pytest.mark.parametrize(
+    ("call", "under", "behind", "ends"),
+    [
+        ("CYCLE81(10,0,2,-5)", "G90 G0 X5 Y5 F700", "G1 X20 Y20\nX40", [[20, 20], [40, 20]]),
+        ("CYCLE81(10,0,2,-5)", "ROT RPL=30", "G1 X20 Y20\nX40", []),
+        ("CYCLE81(10,0,2,-5)", "G41 X5", "G1 X20 Y20\nX40", []),
+        ("CYCLE81(10,0,2,-5)", "R1=20", "G1 X=R1 Y20\nX40", [[20, 20], [40, 20]]),
+        ("L10", "X5 Y5", "G1 X20 Y20\nX40", []),
+        ("L10", "X5 Y5", f"{SAFE}\nG1 X=R1 Y20 F100\nX40", [[40, math.nan]]),
+        ("SLOT_MEIN(5)", "X5 Y5", "G1 X20 Y20\nX40", []),
+    ],
+)
+def test_what_blocks_under_a_modal_call_set_stays(call: str, under: str, behind: str, ends) -> None:
+    """A subprogram may set any mode and parameter besides; a cycle of the control brings them back."""
+    program = _read(f"{SAFE}\n{BEGIN}R1=10\nMCALL {call}\n{under}\nMCALL\n{behind}\nM30\n")
+    assert not np.isin(program.motions.block, (4, 5, 6)).any()
+    np.testing.assert_allclose(_ends_behind(program, 7), np.reshape(ends, (-1, 2)))
+
+
+def test_the_feed_and_the_measure_of_blocks_under_a_modal_call_stay() -> None:
+    program = _read(f"{SAFE}\n{BEGIN}MCALL CYCLE81(10)\nG1 X5 F700\nMCALL\nX20\nX30\nM30\n")
+    assert (program.motions.feed[-1] / MM_PER_MIN).round(9) == 700.0
+    program = _read(f"{SAFE}\n{BEGIN}MCALL CYCLE81(10)\nG91 X5\nMCALL\nX20\nX30\nM30\n")
+    assert (1e3 * np.diff(program.motions.end[-2:, 0])).round(9) == 30.0
+    program = _read(f"{SAFE}\n{BEGIN}MCALL CYCLE81(10)\nX5\nM30\nX20 Y20\n")
+    assert program.breaks[-1].block == 5
+
+
+def test_a_subprogram_whose_name_begins_as_a_cycle_s_does_may_set_anything() -> None:
+    program = _read(f"{SAFE}\n{BEGIN}R1=10\nSLOT_MEIN(5)\nG1 X=R1 Y20\nX40\nM30\n")
+    assert program.motions.block.max() < 4
+    program = _read(f"{SAFE}\n{BEGIN}R1=10\nSLOT1(5)\nG1 X=R1 Y20\nX40\nM30\n")
+    assert _ends_behind(program, 5).tolist() == [[10, 20], [40, 20]]

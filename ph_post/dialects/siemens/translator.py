@@ -56,14 +56,15 @@ class SiemensModes:
 
     `at` are the places of the axes that are known, and `parameters` the R parameters; with `rounded` corners are
     rounded until RNDM=0, and with `cut` the corner before the next motion is. `frames` are the words that have moved
-    or turned the frame.
+    or turned the frame. `modal_call` is what is lost behind each block that moves, by the subprogram called there; empty
+    where none is.
     """
 
     def __init__(self) -> None:
         self.motion = ""
         self.absolute = True
         self.linear = False
-        self.modal_call = False
+        self.modal_call = ""
         self.mixed = False
         self.feeds = "G94"
         self.rounded = False
@@ -162,18 +163,28 @@ class Translator:
 
     def _line(self, number: int, words: list[Word]) -> str:
         first = words[0]
-        if first.name == "MCALL":
-            self.modes.modal_call = len(words) > 1
-            return self.passed(number, "modal subprogram call", first.column, FORGOTTEN)
-        if self.modes.modal_call:
-            return self.passed(number, "block with a modal subprogram call", first.column, FORGOTTEN)
-        if number in self._forced:
-            line = _Line(self, number, words)
-            line.text()
-            return line.passed(first.column, self._forced[number])
+        modal = next((place for place, word in enumerate(words) if word.name == "MCALL"), None)
+        if modal is not None:
+            called = words[modal + 1 :]
+            self.modes.modal_call = _lost_behind(called[0]) if called else ""
+            return self._read_and_passed(number, words[:modal], words[modal].column, "modal subprogram call")
         if first.name in tables.DECLARATIONS or any(g_word(word) in tables.LIMITS for word in words):
             return ""
-        return "M2" if first.name == "RET" else _Line(self, number, words).text()
+        if first.name == "RET":
+            return "M2"
+        if self.modes.modal_call:
+            what = "block with a modal subprogram call"
+            return self._read_and_passed(number, words, first.column, what, self.modes.modal_call)
+        if number in self._forced:
+            return self._read_and_passed(number, words, first.column, self._forced[number])
+        return _Line(self, number, words).text()
+
+    def _read_and_passed(self, number: int, words: list[Word], column: int, what: str, lost: str = FORGOTTEN) -> str:
+        """Pass a line through whose words are understood; it loses at least what `lost` says."""
+        line = _Line(self, number, words)
+        line.text()
+        line.lost = NOT_UNDERSTOOD if lost == NOT_UNDERSTOOD else line.lost
+        return line.passed(column, what)
 
     def _define(self, defined: Sequence[tuple[str, str, str | None]]) -> None:
         """Take the variables that a line defines, with their values where these are known."""
@@ -187,7 +198,7 @@ class Translator:
     def passed(self, number: int, what: str, column: int, text: str) -> str:
         """Name what is not understood on a line, and return what stands for it."""
         self.modes.at.clear()
-        if text == NOT_UNDERSTOOD:
+        if text.endswith(NOT_UNDERSTOOD):
             self.modes.parameters.clear()
         self.extras.remarks[number] = Remark(what=shortened(what), column=column)
         return text
@@ -370,7 +381,7 @@ class _Line:
         elif word.name in tables.FRAMES:
             self._to_frame(word, tables.FRAMES[word.name])
         elif word.name not in tables.QUIET_CALLS and group not in ("FGROUP()", "FGROUP(X,Y,Z)"):
-            self._refuse(word, FORGOTTEN if word.name.startswith(tables.CYCLES) else NOT_UNDERSTOOD)
+            self._refuse(word, _lost_behind(word))
 
     def _to_frame(self, word: Word, code: str) -> None:
         """Note that the frame is another: a word that begins the program's own one anew turns no other one back."""
@@ -490,6 +501,11 @@ class _Line:
             self._refuse(next(iter(self.named.values())))
         elif most or below:
             self.of.extras.polynomials[self.number] = PolynomialWords(axes=given, below=below, length=length)
+
+
+def _lost_behind(called: Word) -> str:
+    """Return what is lost behind a call: a cycle of the control leaves modes and parameters as they were."""
+    return FORGOTTEN if tables.CYCLES.fullmatch(called.name) else NOT_UNDERSTOOD
 
 
 def g_word(word: Word) -> str:

@@ -64,8 +64,8 @@ QUIET: Final = frozenset(_QUIET_WORDS.split())
 QUIET_CALLS: Final = frozenset(("MSG", "WORKPIECE", "GROUP_BEGIN", "GROUP_END", "GROUP_ADDEND", "CYCLE832", "SETMS"))
 QUIET_NAMES: Final = frozenset(["ADIS", "ADISPOS", "CTOL", "OTOL", "ATOL", "SPOS", "SPOSA", "SVC", "LIMS"])
 DECLARATIONS: Final = frozenset(["DEF", "PROC", "EXTERN"])
-CYCLES: Final = ("CYCLE", "HOLES", "POCKET", "SLOT", "LONGHOLE", "E_")
-"""How the names of cycles begin that leave the modes as they were."""
+CYCLES: Final = re.compile(r"CYCLE\d+|HOLES\d|POCKET\d|SLOT\d|LONGHOLE|E_\w+")
+"""Names of cycles, which leave the modes as they were; any other is that of a subprogram."""
 
 _TURNING_WORDS: Final = """
 ROT AROT ROTS AROTS CROTS SCALE ASCALE MIRROR AMIRROR TRAORI TRANSMIT TRACYL TRAANG TRAFOON CYCLE800 TOFRAME
