@@ -466,3 +466,32 @@ def test_a_subprogram_whose_name_begins_as_a_cycle_s_does_may_set_anything() -> 
     assert program.motions.block.max() < 4
     program = _read(f"{SAFE}\n{BEGIN}R1=10\nSLOT1(5)\nG1 X=R1 Y20\nX40\nM30\n")
     assert _ends_behind(program, 5).tolist() == [[10, 20], [40, 20]]
+
+
+@pytest.mark.parametrize(
+    ("before", "slashed", "behind", "blocks"),
+    [
+        ("X0 Y0", "X10", "X=IC(5)\nX20\nX=IC(5)", [6, 7]),
+        ("R1=30", "R1=50", "X=R1\nX20\nR1=2\nX=R1", [6, 8]),
+        ("G91 X5 Y5", "G90", "X20 Y20\nX40\nG90 X30\nX20", [7, 8]),
+        ("MCALL CYCLE81(10)", "MCALL", "G1 X20 Y20\nX40\nMCALL\nG1 X10", [8]),
+        ("X1", "MCALL CYCLE81(10)", "G1 X20 Y20\nX40\nMCALL\nG1 X10", [8]),
+        ("RNDM=3", "RNDM=0", "G1 X20 Y20\nX40\nRNDM=0\nG1 X10", [8]),
+        ("CT X30 Y20", "G1", "X20 Y20\nX40\nG1 X10", [7]),
+        ("X1", "FLIN", "X20 F100\nX40\nFNORM F100\nG1 X10", [8]),
+        ("X1", "SIDE_2", "G71 G17 G94 G40 G54\nG1 X10 F100\nG90\nG1 X10", [8]),
+    ],
+)
+def test_what_a_line_with_a_slash_sets_may_be_so_or_not(before: str, slashed: str, behind: str, blocks) -> None:
+    """Only what stands behind its end, or what does not need it, is followed."""
+    program = _read(f"{SAFE}\n{BEGIN}{before}\n/{slashed}\n{behind}\nM30\n")
+    rows = program.motions.block
+    assert rows[rows >= 5].tolist() == blocks
+
+
+@pytest.mark.parametrize("line", ["SIDE_2", "IF R1==1\nG91\nENDIF"])
+def test_behind_a_subprogram_the_measure_is_that_which_the_program_says(line: str) -> None:
+    text = f"{SAFE}\n{BEGIN}{line}\nG71 G17 G94 G40 G54 G64\nG1 X10 Y10 F100\nX20\nG90 X30 Y0\nX40\nM30\n"
+    program = _read(text)
+    first = text[: text.index("G90 X30")].count("\n")
+    assert program.motions.block[program.motions.block > 2].tolist() == [first, first + 1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from copy import copy
 from decimal import Decimal
 from typing import Final
 
@@ -42,6 +43,9 @@ _ROUNDINGS: Final = frozenset(("RND", "CHF", "CHR", "RNDM"))
 """Corners that are rounded or chamfered: behind the block, with RNDM behind all."""
 
 _KNOWN: Final = frozenset((*tables.MOTIONS, "POLY", "CIP", ""))
+_UNSURE: Final = "?"
+"""In the place of a motion word where it may be one or another."""
+
 _ELSEWHERE: Final = frozenset(("G53", "G153", "G500", "G54", "G55", "G56", "G57", "G70", "G71", "G700", "G710"))
 """G words behind which the places of axes have other numbers."""
 
@@ -56,14 +60,16 @@ class SiemensModes:
 
     `at` are the places of the axes that are known, and `parameters` the R parameters; with `rounded` corners are
     rounded until RNDM=0, and with `cut` the corner before the next motion is. `frames` are the words that have moved
-    or turned the frame. `modal_call` is what is lost behind each block that moves, by the subprogram called there; empty
-    where none is.
+    or turned the frame. `modal_call` is what is lost behind each block that moves, by the subprogram called there;
+    empty where none is.
+
+    Where nobody knows them `absolute` and `linear` are None, `motion` is `_UNSURE` and `feeds` is empty.
     """
 
     def __init__(self) -> None:
         self.motion = ""
-        self.absolute = True
-        self.linear = False
+        self.absolute: bool | None = True
+        self.linear: bool | None = False
         self.modal_call = ""
         self.mixed = False
         self.feeds = "G94"
@@ -77,6 +83,26 @@ class SiemensModes:
     def is_parameter(self, name: str) -> bool:
         """Return whether a name is that of an R parameter, or of a variable that the program defines."""
         return name in self.names or _PARAMETER.fullmatch(name) is not None
+
+    def copy(self) -> SiemensModes:
+        """Return the modes as they are now."""
+        found = copy(self)
+        found.frames, found.at, found.parameters = {*self.frames}, {**self.at}, {**self.parameters}
+        return found
+
+    def may_be(self, other: SiemensModes) -> None:
+        """Keep of the modes what is the same in others that may be in force as well."""
+        self.motion = self.motion if self.motion == other.motion else _UNSURE
+        self.absolute = self.absolute if self.absolute == other.absolute else None
+        self.linear = self.linear if self.linear == other.linear else None
+        self.feeds = self.feeds if self.feeds == other.feeds else ""
+        self.modal_call = max(self.modal_call, other.modal_call, key=("", FORGOTTEN, NOT_UNDERSTOOD).index)
+        self.mixed |= other.mixed
+        self.rounded |= other.rounded
+        self.cut |= other.cut
+        self.frames |= other.frames
+        self.at = dict(self.at.items() & other.at.items())
+        self.parameters = dict(self.parameters.items() & other.parameters.items())
 
 
 class Translator:
@@ -107,7 +133,16 @@ class Translator:
         self._computes, self._forced = computes, forced
 
     def translate(self, number: int, text: str, base: int) -> str:
-        """Return the RS274 line of a line, whose first byte is at `base`."""
+        """Return the RS274 line of a line, whose first byte is at `base`; one with a slash may run or not."""
+        slash = _LEADING.match(without_comment(text))
+        if slash is None or not slash[1]:
+            return self._translated(number, text, base)
+        before = self.modes.copy()
+        found = self._translated(number, text, base)
+        self.modes.may_be(before)
+        return found
+
+    def _translated(self, number: int, text: str, base: int) -> str:
         if text.lstrip().startswith("%"):
             return ""
         bare = without_comment(text)
@@ -128,9 +163,9 @@ class Translator:
         found = skip + self._line(number, words) if words else ""
         absolute = next((g_word(one) == "G90" for one in reversed(words) if g_word(one) in ("G90", "G91")), absolute)
         if words:
-            self.rows.add(number, base, words, dwell=dwell, absolute=absolute)
+            self.rows.add(number, base, words, dwell=dwell, absolute=absolute is not False)
         if self.modes.motion not in tables.MOTIONS:
-            self.motions[number] = self.modes.motion
+            self.motions[number] = self.modes.motion.replace(_UNSURE, "")
         return found
 
     def pass_unread(self, number: int, text: str, base: int, what: str) -> str:
@@ -200,6 +235,7 @@ class Translator:
         self.modes.at.clear()
         if text.endswith(NOT_UNDERSTOOD):
             self.modes.parameters.clear()
+            self.modes.absolute, self.modes.feeds = None, ""
         self.extras.remarks[number] = Remark(what=shortened(what), column=column)
         return text
 
@@ -403,6 +439,10 @@ class _Line:
         if self.dwell:
             self.named["F"] = word
             return
+        if self.modes.linear is None:
+            self.parts.append("F#1")
+            self._refuse(word)
+            return
         values = [*map(float, word.values), 0.0, 0.0]
         if word.function == "FPO":
             self.of.extras.profiles[self.number] = FeedProfileWords(end=values[0], quad=values[1], cub=values[2])
@@ -422,11 +462,14 @@ class _Line:
             return
         first = next(iter(self.named.values()))
         cut, self.modes.cut = self.modes.cut, any(word.name in _ROUNDINGS for word in self.words)
-        if self.modes.motion not in _KNOWN or self.modes.rounded or cut:
+        if self.modes.motion not in _KNOWN or self.modes.rounded or cut or self.modes.linear is None:
             self._refuse(first)
         if self.modes.motion == _TANGENTIAL:
             self.of.tangents.update(self.of.moves[-1:])
         self.of.moves.append(self.number)
+        if self.modes.absolute is None:
+            self._refuse(first)
+            return
         start = dict(self.modes.at)
         self.parts = [one for one in self.parts if one not in ("G90", "G91")]
         self.parts.insert(0, "G90" if self.modes.absolute else "G91")
@@ -441,7 +484,7 @@ class _Line:
 
     def _end(self, name: str, word: Word) -> None:
         """Add the end of an axis, in the measure that is in force."""
-        absolute, value = self.modes.absolute, Decimal(word.values[0])
+        absolute, value = self.modes.absolute is True, Decimal(word.values[0])
         kind = word.function if word.function in ("AC", "IC") else "AC" if absolute else "IC"
         base = self.modes.at.get(name)
         if kind == "IC" and base is not None:
