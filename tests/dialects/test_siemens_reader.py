@@ -495,3 +495,58 @@ def test_behind_a_subprogram_the_measure_is_that_which_the_program_says(line: st
     program = _read(text)
     first = text[: text.index("G90 X30")].count("\n")
     assert program.motions.block[program.motions.block > 2].tolist() == [first, first + 1]
+
+
+@pytest.mark.parametrize(
+    ("set_within", "known", "ended"),
+    [
+        ("X5", True, ""),
+        ("CYCLE800(1)", False, ""),
+        ("TRAORI", False, ""),
+        ("ROT RPL=30", False, "ROT"),
+        ("MIRROR X0", False, "SCALE"),
+        ("TRANS X5", True, ""),
+        ("$P_PFRAME=CROT(Z,45)", False, "ROT"),
+        ("$P_UIFR[1,X,TR]=5", True, ""),
+        ("MCALL CYCLE81(10)", False, "MCALL"),
+        ("RNDM=2", False, "RNDM=0"),
+        ("DIAMON", False, ""),
+        ("FLIN", False, "FNORM"),
+        ("G291", False, "G290"),
+    ],
+)
+def test_what_lines_that_may_not_run_leave_in_force_lasts_to_its_end(set_within: str, known: bool, ended: str) -> None:
+    """A line that says all modes anew ends none of these."""
+    begin = f"{SAFE}\n{BEGIN}IF R1==1\n{set_within}\nENDIF\n{SAFE}\n"
+    program = _read(f"{begin}G1 X20 Y20 F500\nX40\nM30\n")
+    assert (program.motions.block > 6).any() == known
+    if ended:
+        program = _read(f"{begin}{ended}\n{SAFE}\nG1 X20 Y20 F500\nX40\nM30\n")
+        assert (program.motions.block > 8).any()
+
+
+@pytest.mark.parametrize(
+    "line", ["$P_PFRAME=CROT(Z,45)", "$P_UIFR[1]=CTRANS(X,5):CROT(Z,5)", "$P_CHBFRAME[0]=$P_IFRAME", "G258 RPL=45"]
+)
+def test_frames_that_are_turned_by_other_words_stay_turned(line: str) -> None:
+    program = _read(f"{SAFE}\n{BEGIN}{line}\n{SAFE}\nG1 X20 Y20 F500\nX40\nM30\n")
+    assert program.motions.block.max() < 3
+
+
+def test_iso_mode_is_passed_through_and_what_it_turns_stays_turned() -> None:
+    iso = f"{SAFE}\n{BEGIN}G291\nG90 G1 X5 (words)\n{{}}{SAFE} G1 X6\nG290\n{SAFE}\nG1 X20 Y20 F500\nX40\nM30\n"
+    assert _ends_behind(_read(iso.format("")), 3).tolist() == [[20, 20], [40, 20]]
+    assert not _ends_behind(_read(iso.format("G68 X0 Y0 R45\n")), 3).size
+    assert _read(iso.format("M30\n")).breaks[-1].block == 5
+
+
+@pytest.mark.parametrize("line", ["G[14]=2", "G=R1"])
+def test_behind_g_words_of_computed_numbers_no_mode_is_known(line: str) -> None:
+    program = _read(f"{SAFE}\n{BEGIN}{line}\nG1 X20 Y20\nX40\n{SAFE}\nG1 X5 F100\nM30\n")
+    assert program.motions.block[1:].tolist() == [7]
+
+
+def test_under_fcub_no_feed_is_constant() -> None:
+    program = _read(f"{SAFE}\n{BEGIN}FLIN\nFCUB\n{SAFE}\nG1 X20 Y20 F500\nX40\nFNORM\nX50 F300\nX60\nM30\n")
+    assert program.motions.block[1:].tolist() == [9, 10]
+    assert (program.motions.feed[-2:] / MM_PER_MIN).round(9).tolist() == [300.0, 300.0]

@@ -43,6 +43,10 @@ _ROUNDINGS: Final = frozenset(("RND", "CHF", "CHR", "RNDM"))
 """Corners that are rounded or chamfered: behind the block, with RNDM behind all."""
 
 _KNOWN: Final = frozenset((*tables.MOTIONS, "POLY", "CIP", ""))
+_ISO_END: Final = re.compile(r"G\s*0*290(?!\d)", re.IGNORECASE)
+_ISO_FRAMES: Final = re.compile(r"G\s*0*(?:7\.1|12\.1|16|43\.[45]|51|68|107|112)(?!\d)", re.IGNORECASE)
+"""Words of ISO mode that turn, scale or mirror, or make places polar or those of a cylinder."""
+_PROGRAM_END: Final = re.compile(r"[^/(]*?\bM0*(?:2|30)(?!\d)", re.IGNORECASE)
 _UNSURE: Final = "?"
 """In the place of a motion word where it may be one or another."""
 
@@ -61,7 +65,7 @@ class SiemensModes:
     `at` are the places of the axes that are known, and `parameters` the R parameters; with `rounded` corners are
     rounded until RNDM=0, and with `cut` the corner before the next motion is. `frames` are the words that have moved
     or turned the frame. `modal_call` is what is lost behind each block that moves, by the subprogram called there;
-    empty where none is.
+    empty where none is. With `iso` words are those of another language (G291).
 
     Where nobody knows them `absolute` and `linear` are None, `motion` is `_UNSURE` and `feeds` is empty.
     """
@@ -73,6 +77,7 @@ class SiemensModes:
         self.modal_call = ""
         self.mixed = False
         self.feeds = "G94"
+        self.iso = False
         self.rounded = False
         self.cut = False
         self.frames: set[str] = set()
@@ -96,7 +101,8 @@ class SiemensModes:
         self.absolute = self.absolute if self.absolute == other.absolute else None
         self.linear = self.linear if self.linear == other.linear else None
         self.feeds = self.feeds if self.feeds == other.feeds else ""
-        self.modal_call = max(self.modal_call, other.modal_call, key=("", FORGOTTEN, NOT_UNDERSTOOD).index)
+        self.modal_call = _worse(self.modal_call, other.modal_call)
+        self.iso |= other.iso
         self.mixed |= other.mixed
         self.rounded |= other.rounded
         self.cut |= other.cut
@@ -145,6 +151,8 @@ class Translator:
     def _translated(self, number: int, text: str, base: int) -> str:
         if text.lstrip().startswith("%"):
             return ""
+        if self.modes.iso:
+            return self._pass_iso(number, text, base)
         bare = without_comment(text)
         leading = _LEADING.match(bare)
         if SYNCHRONIZED.match(bare, leading.end() if leading else 0):
@@ -173,7 +181,44 @@ class Translator:
         words, _ = self._words_of(text)
         if words:
             self.rows.add(number, base, words, dwell=False, absolute=True)
-        return self.passed(number, what, 1, NOT_UNDERSTOOD) if without_comment(text).strip() else ""
+        if not without_comment(text).strip():
+            return ""
+        return self.passed(number, what, 1, " ".join([*self._take_lasting(words or []), NOT_UNDERSTOOD]))
+
+    def _take_lasting(self, words: Sequence[Word]) -> list[str]:
+        """Take in what words may leave in force, and return the RS274 words of it; none of them ends anything.
+
+        No mode is known behind such a line until another says it; but none says that the frame is as it was, that
+        corners stay, or that no subprogram is called.
+        """
+        parts = []
+        for place, word in enumerate(words):
+            frame = frame_of(word)
+            if word.name in tables.DIAMETERS:
+                parts.append(tables.UNREAD_MEASURE)
+            elif frame is not None and not (frame[0] in tables.CLEARING and len(words) == 1):
+                self.modes.frames.add(frame[0])
+                parts += ["G68"] if frame[1] == "G68" else []
+            elif word.name == "MCALL" and words[place + 1 :]:
+                self.modes.modal_call = _worse(self.modes.modal_call, _lost_behind(words[place + 1]))
+            elif word.name in _ROUNDINGS:
+                self.modes.cut = True
+                self.modes.rounded |= word.name == "RNDM" and _is_on(word)
+            elif word.name in tables.COURSES and tables.COURSES[word.name] != self.modes.linear:
+                self.modes.linear = None
+            elif g_word(word) == "G291":
+                self.modes.iso = True
+        return parts
+
+    def _pass_iso(self, number: int, text: str, base: int) -> str:
+        """Pass a line of the control's ISO mode through: that ends with G290, what it makes of the frame does not."""
+        found = self.pass_unread(number, text, base, "ISO mode (G291)")
+        line = without_comment(text)
+        self.modes.iso = _ISO_END.search(line) is None
+        if _ISO_FRAMES.search(line):
+            self.modes.frames.add("G291")
+            found = f"G68 {found}"
+        return f"M2 {found}" if _PROGRAM_END.match(line) else found
 
     @staticmethod
     def _words_of(text: str) -> tuple[list[Word] | None, str]:
@@ -252,6 +297,7 @@ class _Line:
         self.machine = any(g_word(word) in _ELSEWHERE or word.name == "SUPA" for word in words)
         self.ends: dict[str, Decimal] = {}
         self.unknown: Word | None = None
+        self.unsure = ""
         self.lost = FORGOTTEN
 
     def text(self) -> str:
@@ -265,7 +311,7 @@ class _Line:
         if not self.home:
             self._shape()
         if self.unknown is not None:
-            return self.passed(self.unknown.column, self._name_of(self.unknown))
+            return self.passed(self.unknown.column, self.unsure or self._name_of(self.unknown))
         self.modes.at |= self.ends
         return " ".join(part for part in self.parts if part)
 
@@ -326,7 +372,11 @@ class _Line:
         elif word.name in _ROUNDINGS:
             self._round(word)
         elif word.name not in tables.QUIET_NAMES and not _QUIET.fullmatch(word.name):
-            modal = word.name == "L" or word.name.startswith("$")
+            modal = word.name in ("L", "G") or word.name.startswith(("$", "G["))
+            frame = frame_of(word)
+            if frame is not None:
+                self.modes.frames.add(frame[0])
+                self.parts.append(frame[1])
             if word.name in _FEEDS and not self.dwell:
                 self.parts.append("F#1")
             if not (self.home and re.fullmatch(r"[A-Z]\d", word.name)):
@@ -335,7 +385,7 @@ class _Line:
     def _round(self, word: Word) -> None:
         """Note that the corner behind this block is rounded or chamfered, or with RNDM all from here on are."""
         if word.name == "RNDM":
-            self.modes.rounded = word.kind != "number" or float(word.values[0]) != 0.0
+            self.modes.rounded = _is_on(word)
         else:
             self.modes.cut = True
             self._refuse(word)
@@ -354,6 +404,9 @@ class _Line:
         elif re.fullmatch(r"G5\d\d", code):
             self.parts.append("G59.2")
             self._refuse(word)
+        elif code == "G291":
+            self.modes.iso = True
+            self._refuse(word, NOT_UNDERSTOOD)
         elif code != "G4":
             self.modes.motion = code
             self._refuse(word, NOT_UNDERSTOOD)
@@ -396,8 +449,8 @@ class _Line:
         if name in ("POLY", "CIP"):
             self.modes.motion = name
             self.parts.append("G1")
-        elif name in ("FNORM", "FLIN"):
-            self.modes.linear = name == "FLIN"
+        elif name in tables.COURSES:
+            self.modes.linear = tables.COURSES[name]
         elif name == "SUPA":
             self.parts.append("G53")
         elif name in self.of.diameters:
@@ -462,13 +515,15 @@ class _Line:
             return
         first = next(iter(self.named.values()))
         cut, self.modes.cut = self.modes.cut, any(word.name in _ROUNDINGS for word in self.words)
-        if self.modes.motion not in _KNOWN or self.modes.rounded or cut or self.modes.linear is None:
+        if self.unknown is None and (self.modes.motion == _UNSURE or None in (self.modes.absolute, self.modes.linear)):
+            self.unsure = "motion under modes that something not understood may have changed"
+            self._refuse(first)
+        if self.modes.motion not in _KNOWN or self.modes.rounded or cut:
             self._refuse(first)
         if self.modes.motion == _TANGENTIAL:
             self.of.tangents.update(self.of.moves[-1:])
         self.of.moves.append(self.number)
         if self.modes.absolute is None:
-            self._refuse(first)
             return
         start = dict(self.modes.at)
         self.parts = [one for one in self.parts if one not in ("G90", "G91")]
@@ -544,6 +599,32 @@ class _Line:
             self._refuse(next(iter(self.named.values())))
         elif most or below:
             self.of.extras.polynomials[self.number] = PolynomialWords(axes=given, below=below, length=length)
+
+
+def _worse(one: str, other: str) -> str:
+    """Return that of two things lost behind a modal call which leaves less known."""
+    return max(one, other, key=("", FORGOTTEN, NOT_UNDERSTOOD).index)
+
+
+def _is_on(word: Word) -> bool:
+    """Return whether an RNDM may round corners."""
+    return word.kind != "number" or float(word.values[0]) != 0.0
+
+
+def frame_of(word: Word) -> tuple[str, str] | None:
+    """Return the name of what makes the frame another, and its RS274 word; None of words that do not.
+
+    Examples
+    --------
+    >>> [frame_of(word) for word in read_words("ROT RPL=5 $P_UIFR[1]=CTRANS(X,5) $P_PFRAME=CROT(Z,5) CYCLE800()")]
+    [('ROT', 'G68'), None, ('$P_UIFR', ''), ('$P_PFRAME', 'G68'), None]
+    """
+    name, text = g_word(word) or word.name.partition("[")[0], re.sub(r"\s", "", word.text.upper())
+    if name in tables.FRAMES and text != "CYCLE800()":
+        return name, tables.FRAMES[name]
+    if tables.FRAME_VARIABLE.fullmatch(name):
+        return name, "" if tables.MOVED_ONLY.search(text) else "G68"
+    return None
 
 
 def _lost_behind(called: Word) -> str:

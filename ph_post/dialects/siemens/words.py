@@ -76,19 +76,33 @@ FRAMES: Final[Mapping[str, str]] = {
     "ATRANS": "",
     "G58": "",
     "G59": "",
+    "G258": "G68",
+    "G259": "G68",
     "TOROTOF": "",
     "PAROTOF": "",
     **dict.fromkeys(_TURNING_WORDS.split(), "G68"),
 }
-"""Words that move the frame (empty), turn it (G68), or replace what the program made by what is only moved (G69)."""
+"""Words that move the frame (empty), turn it (G68), or replace what the program made by what is only moved (G69).
+
+G258 and G259 turn it on SINUMERIK 802S and 802C (Operation and Programming, 08/2003, 6FC5598-4AA11-0BP0, "Programmable
+zero offset and rotation").
+"""
+FRAME_VARIABLE: Final = re.compile(r"\$P_\w*FR(?:AME|MASK)?")
+"""Frames as variables, without an index: $P_PFRAME is the program's own, $P_UIFR are settable ones (Programming Manual,
+Job Planning, 07/2010, 6FC5398-2BP40-2BA0, "Coordinate transformation via frame variables")."""
+MOVED_ONLY: Final = re.compile(r",(?:TR|FI)\]=|=(?:CTRANS|CFINE)\([^()]*\)$")
+"""Settings of such a variable that turn, scale and mirror nothing."""
 
 PROGRAMMABLE: Final = frozenset(
-    ("TRANS", "ATRANS", "G58", "G59", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR")
+    ("TRANS", "ATRANS", "G58", "G59", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR", "$P_PFRAME")
 )
 """Words of the frame that a program makes, $P_PFRAME: the last of a chain, in which those of a swivelled plane or a
 transformation stand before it (Function Manual, K2, 08/2005, 6FC5397-0BP10-0BA0, p. 1-7). TRANS, ROT, SCALE and MIRROR
 replace it; one of `CLEARING` alone leaves nothing of it (SINUMERIK ONE NC Programming, 12/2019, 6FC5398-2EP40-0BA0,
 2.12, where each has a block of its own, p. 309)."""
+
+COURSES: Final[Mapping[str, bool | None]] = {"FNORM": False, "FLIN": True, "FCUB": None}
+"""Words of how the feed comes to be F: at once, linearly, or on curves through all of them, which are not followed."""
 
 CLEARING: Final = frozenset(("ROT", "SCALE", "MIRROR"))
 
