@@ -550,3 +550,21 @@ def test_under_fcub_no_feed_is_constant() -> None:
     program = _read(f"{SAFE}\n{BEGIN}FLIN\nFCUB\n{SAFE}\nG1 X20 Y20 F500\nX40\nFNORM\nX50 F300\nX60\nM30\n")
     assert program.motions.block[1:].tolist() == [9, 10]
     assert (program.motions.feed[-2:] / MM_PER_MIN).round(9).tolist() == [300.0, 300.0]
+
+
+@pytest.mark.parametrize("feed", ["F=R1", "FZ=0.1"])
+@pytest.mark.parametrize("modes", ["G93", "FLIN", "FCUB"])
+def test_where_blocks_need_the_feed_nothing_is_known_behind_one_that_nobody_knows(modes: str, feed: str) -> None:
+    program = _read(f"{SAFE}\n{BEGIN}X10 F500\n{modes}\nX20 {feed}\nX0\nY20 F400\nX0 F300\nM30\n")
+    assert program.motions.block.max() == 3
+    program = _read(f"{SAFE}\n{BEGIN}X10 F500\nG93 X20 {feed}\nX0\nX30\nM30\n")
+    assert program.motions.block.max() == 3
+
+
+@pytest.mark.parametrize("line", ["X20 A5 F300", f"X=R1 F=R1\n{SAFE} G1"])
+def test_a_feed_that_changes_on_an_unknown_way_or_from_an_unknown_one_is_passed_through(line: str) -> None:
+    program = _read(f"{SAFE}\n{BEGIN}X10 F500\nFLIN\n{line}\nY20 F400\nX0 F300\nX10\nX20 F200\nX30\nM30\n")
+    named = [note for note in program.notes if note.what.startswith("feed of an unknown course")]
+    assert [program.text(note.first).strip() for note in named] == [b"Y20 F400", b"X0 F300"]
+    behind = program.motions.block > named[-1].last
+    assert program.motions.feed[behind][[0, -1]] / MM_PER_MIN == pytest.approx([300.0, 200.0])

@@ -35,7 +35,7 @@ def with_extras(program: PartProgram, extras: Extras) -> tuple[PartProgram, dict
     """Return a program with its polynomials, circles and changing feeds.
 
     The lines are returned too, with the reason, that are not to be followed: a denominator or a feed is not positive,
-    or a circle leaves its plane.
+    a feed changes from an unknown one or on an unknown way, or a circle leaves its plane.
     """
     motions, refused = _with_curves(program, extras)
     found, more = _with_profiles(replace(program, motions=motions), extras.profiles)
@@ -135,7 +135,9 @@ def _with_profiles(
             speed = program.modal_after(line).units / MINUTE
             before = program.feed_after(line - 1) * speed
             found = None if np.isnan(before) else _parts(motions, row, before, profiles[line], speed)
-            if found is not None:
+            if found is None and motions.feeds.at(row) > 0.0:
+                refused[line] = _named(program, line, "feed of an unknown course")
+            elif found is not None:
                 if not (found.feeds > 0.0).all():
                     refused[line] = _named(program, line, "feed that falls to zero")
                 divided[row] = found
@@ -151,7 +153,8 @@ def _with_profiles(
 
 def _parts(motions: Motions, row: int, before: float, profile: FeedProfileWords, speed: float) -> _Parts | None:
     feed = Feed(start=before, end=speed * profile.end, quad=speed * profile.quad, cub=speed * profile.cub)
-    if np.isnan(motions.end[row] - motions.start[row]).all():
+    start, end = motions.start[row], motions.end[row]
+    if (np.isnan(start) != np.isnan(end)).any() or np.isnan(end - start).all():
         return None
     if not (feed.at(np.linspace(0.0, 1.0, 65)) > 0.0).all():
         return _Parts(edges=np.array([0.0, 1.0]), feeds=np.zeros(1))

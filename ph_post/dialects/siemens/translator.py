@@ -379,6 +379,8 @@ class _Line:
                 self.parts.append(frame[1])
             if word.name in _FEEDS and not self.dwell:
                 self.parts.append("F#1")
+                # Under G93 each block needs its own F, and under FLIN the next one begins with this feed.
+                modal = self.modes.linear is not False or "G93" in {self.modes.feeds, *map(g_word, self.words)}
             if not (self.home and re.fullmatch(r"[A-Z]\d", word.name)):
                 self._refuse(word, NOT_UNDERSTOOD if modal else FORGOTTEN)
 
@@ -516,7 +518,7 @@ class _Line:
         first = next(iter(self.named.values()))
         cut, self.modes.cut = self.modes.cut, any(word.name in _ROUNDINGS for word in self.words)
         if self.unknown is None and (self.modes.motion == _UNSURE or None in (self.modes.absolute, self.modes.linear)):
-            self.unsure = "motion under modes that something not understood may have changed"
+            self.unsure = "motion under unknown modes"
             self._refuse(first)
         if self.modes.motion not in _KNOWN or self.modes.rounded or cut:
             self._refuse(first)
