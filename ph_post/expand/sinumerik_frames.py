@@ -30,6 +30,8 @@ _STILL: Final = re.compile(r"$|MSG\s*\(|R\d+\s*=|DEF\b|STOPRE$|G0*4(?!\d)")
 """Lines that no frame changes."""
 _DIAMETERS: Final = re.compile(r"\bDIAM(?:ON|90)\b")
 _CODE: Final = re.compile(r"(?<![A-Z=])G\s*0*(\d+)(?!\d)")
+_MODAL_CALL: Final = re.compile(r"\bMCALL\b\s*(\S?)")
+"""A subprogram that is called behind each block that moves, up to an MCALL alone: it runs in the frame of that block."""
 _ENDS: Final = re.compile(r"\bM\s*0*(?:2|17|30)(?!\d)|^RET\b")
 _MOTIONS: Final = frozenset((0, 1, 2, 3))
 _ARCS: Final = {2: 3, 3: 2}
@@ -124,6 +126,7 @@ class _FrameWork:
         self._absolute, self._upright = True, False
         self._side = _NO_SIDE
         self._behind: int | None = None
+        self._called = False
 
     def written(self) -> list[list[str]]:
         """Return the lines of each row."""
@@ -131,6 +134,9 @@ class _FrameWork:
         for row, one in enumerate(self._rows):
             if _DIAMETERS.search(one.rest):
                 raise FrameStandsError(None, "places are diameters")
+            modal = _MODAL_CALL.search(one.rest)
+            if modal is not None:
+                self._called = modal[1] != "" or (self._called and one.slash)
             definition = _DEFINITION.match(one.rest)
             if definition is not None:
                 found[row] = self._defined(row, one, definition)
@@ -179,6 +185,8 @@ class _FrameWork:
         return [] if added else [one.with_words(word)]
 
     def _why_not(self, word: str, values: dict[str, float]) -> str:
+        if self._called:
+            return "a subprogram is called behind each of its moves (MCALL)"
         if word == "SCALE":
             return "scaled coordinates are not written out"
         if not self._upright:
@@ -282,13 +290,26 @@ class _FrameWork:
         to = frame.apply(end)
         if not self._absolute and had is not None:
             to = frame.way(end - start)
-        texts = [f"X{_text(to.real)}", f"Y{_text(to.imag)}"]
+        if _turns_by_angle(words):
+            if {word.name for word in words} & set(_PLACES):
+                raise NotExpandableError("an arc by its centre and its angle that has an end, too")
+            texts = []
+            # Where it ends the angle says, which is not worked out: the next move has to name both axes.
+            self._at = None
+        else:
+            texts = [f"X{_text(to.real)}", f"Y{_text(to.imag)}"]
         if not self._absolute and had is None:
             texts = [f"X=AC({_text(to.real)})", f"Y=AC({_text(to.imag)})"]
         if any(word.name in _CENTERS for word in words):
             center = frame.way(complex(centers["X"], centers["Y"]) - start)
             texts += [f"I{_text(center.real)}", f"J{_text(center.imag)}"]
         return texts
+
+
+def _turns_by_angle(words: Sequence[_Word]) -> bool:
+    """Return whether an arc is given by its centre and its angle (AR), which leave no room for an end."""
+    names = {word.name for word in words}
+    return "AR" in names and bool(names & _CENTERS.keys())
 
 
 def _values_of(rest: str) -> dict[str, float] | None:

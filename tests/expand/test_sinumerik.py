@@ -278,6 +278,18 @@ def test_random_frames_lead_as_the_player_has_them(seed):
     assert not expand(text.encode(), "a.mpf", language="siemens").notes
 
 
+def test_an_arc_by_its_centre_and_angle_keeps_both_and_has_no_end():
+    found = lines_of(framed("ROT RPL=90", "G0 X5 Y5", "G2 I5 J0 AR=90 F100", "G1 X50 Y0", "ROT"))
+    assert found[4:6] == ["G2 I0 J5 AR=90 F100", "G1 X0 Y50"]
+    found = lines_of(framed("MIRROR X0", "G0 X5 Y5", "G2 I=AC(10) J0 AR=90 F100", "G1 X50 Y0", "MIRROR"))
+    assert found[4:6] == ["G3 I-5 J0 AR=90 F100", "G1 X-50 Y0"]
+
+
+def test_a_frame_behind_the_end_of_a_modal_call_is_written_out():
+    text = framed("MCALL L20", "G0 X5 Y5", "MCALL", "ROT RPL=90", "G0 X5 Y0", "ROT")
+    assert "G0 X0 Y5" in lines_of(text)
+
+
 @pytest.mark.parametrize(
     ("parts", "why"),
     [
@@ -297,6 +309,11 @@ def test_random_frames_lead_as_the_player_has_them(seed):
         (["ROT RPL=R7", "G0 X5 Y5"], "not known"),
         (["DIAMON", "ROT RPL=30", "G0 X5 Y5"], "diameters"),
         (["G18", "ROT RPL=30", "G0 X5 Y5"], "no G17"),
+        (["MCALL L20", "G0 X5 Y5", "AROT RPL=30", "G0 X1 Y2", "AROT RPL=30", "G0 X1 Y2", "ROT"], "MCALL"),
+        (["MCALL CYCLE81(10,0,2,-5)", "/MCALL", "ROT RPL=30", "G0 X5 Y5"], "MCALL"),
+        (["ROT RPL=30", "G0 X5 Y5", "MCALL L20", "G0 X1 Y2", "MCALL", "ROT"], "not followed"),
+        (["ROT RPL=30", "G0 X5 Y5", "G2 I5 J0 AR=90 F100", "G1 X50"], "first move"),
+        (["MIRROR X0", "G0 X5 Y5", "G2 X9 I5 J0 AR=90 F100", "G1 X50 Y0"], "has an end, too"),
     ],
 )
 def test_frames_that_stay_are_named(parts, why):
