@@ -20,6 +20,7 @@ from ph_post.expand.corners import Corner, Element, Kind, arc_by_radius
 from ph_post.expand.faults import NotExpandableError
 from ph_post.expand.macro import FanucNumbers, plain_value, word_text
 from ph_post.expand.progress import WrittenLines
+from ph_post.expand.sinumerik import calls_subprogram
 from ph_post.expand.writing import number_text
 
 _NUMBER: Final = r"([-+]?\s*(?:\d+\.?\d*|\.\d+))"
@@ -33,6 +34,11 @@ _STILL: Final = frozenset((8.0, 9.0, 40.0, 41.0, 42.0, 60.0, 61.0, 64.0, 94.0, *
 _STILL_ORDERS: Final = frozenset((0, 1, 3, 4, 5, 7, 8, 9))
 _CALL: Final = re.compile(r"M\s*0*(?:9[78]|198)(?!\d)|G\s*65(?!\d)")
 """Calls of what is not followed here, which may leave other modes behind them."""
+_SIEMENS_LEAD: Final = re.compile(r"\s*(/\d?)?\s*(?:[N:]\d+\s*)?(?:[A-Z_]\w+\s*:(?!=)\s*)?")
+_CODE: Final = re.compile(r"(?<![A-Z_$=\d])G\s*0*(\d+)(?![\d.])")
+_MODAL: Final = re.compile(r"\b(?:(MCALL)\b\s*(\S*)|(RNDM|FRCM)\s*=\s*(\S+))")
+"""What is in force up to its own end: a subprogram behind each block, corners rounded behind each, and their feed."""
+_NOTHING: Final = re.compile(r"[-+]?0*\.?0*$")
 _SCALE: Final = re.compile(r"\bA?SCALE\b")
 _DECIMALS: Final = 6
 
@@ -83,6 +89,7 @@ class IsoCorners(CornerFollower[IsoMove]):
         self._mode: int | None = None
         self._absolute: bool | None = True
         self._units = 210
+        self._modal = set[str]()
 
     def written(self) -> WrittenLines:
         """Return the lines, and which of those that were read each comes of."""
@@ -117,7 +124,8 @@ class IsoCorners(CornerFollower[IsoMove]):
             at = found.end()
         codes = {float(number) for name, number in words if name == "G"}
         orders = {float(number) for name, number in words if name == "M"}
-        if not self._modes(codes) or orders - _STILL_ORDERS or any(name in ("RNDM", "FRCM") for name, _ in words):
+        lost = {"L", "RNDM", "FRCM"} if self._fanuc is None else set[str]()
+        if not self._modes(codes) or orders - _STILL_ORDERS or any(name in lost for name, _ in words):
             self._forget()
             self._lose_modes(bare)
             return bool(orders & {2, 17, 30, 99})
@@ -152,8 +160,27 @@ class IsoCorners(CornerFollower[IsoMove]):
         return True
 
     def _lose_modes(self, bare: str) -> None:
-        """Know neither measure nor plane behind a line of Fanuc's that calls, or may change them or not."""
-        if self._fanuc is not None and (_CALL.search(bare) or "/" in bare):
+        """Know neither measure nor plane behind a line that calls, or may change them or not."""
+        if self._fanuc is None:
+            self._take_unread(bare)
+        elif _CALL.search(bare) or "/" in bare:
+            self._absolute, self._plane = None, False
+
+    def _take_unread(self, bare: str) -> None:
+        """Take in what a line of Siemens's sets that is not followed otherwise; with a slash it may run or not."""
+        lead = _SIEMENS_LEAD.match(bare)
+        slash, rest = (lead is not None and lead[1] is not None), bare[lead.end() if lead else 0 :].strip()
+        for code in map(int, _CODE.findall(rest)):
+            if code in (90, 91):
+                self._absolute = (code == 90) if not slash or self._absolute is (code == 90) else None
+            elif code in (17, 18, 19):
+                self._plane = code == 17 and (self._plane or not slash)
+        for word, call, other, number in _MODAL.findall(rest):
+            if call or (other and not _NOTHING.match(number)):
+                self._modal.add(word or other)
+            elif not slash:
+                self._modal.discard(word or other)
+        if calls_subprogram(rest):
             self._absolute, self._plane = None, False
 
     def _forget(self) -> None:
@@ -211,6 +238,12 @@ class IsoCorners(CornerFollower[IsoMove]):
     def _write(self, opened: OpenCorner[IsoMove], after: IsoMove) -> None:
         before = opened.before
         feed = before.feed or self._feed
+        if "MCALL" in self._modal:
+            raise NotExpandableError("a subprogram is called behind each block (MCALL)")
+        if "RNDM" in self._modal:
+            raise NotExpandableError("others are rounded as well (RNDM)")
+        if "FRCM" in self._modal and not opened.own_feed:
+            raise NotExpandableError("corners have a feed of their own (FRCM)")
         if self._fanuc is None and not opened.own_feed and after.feed not in ("", feed):
             raise NotExpandableError("the feed changes behind it, and a setting says which one it has")
         found = self._cut(opened, after)

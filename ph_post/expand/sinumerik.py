@@ -37,13 +37,15 @@ _ANY_SETTING: Final = re.compile(r"\bR\s*\[.*?\]\s*=(?!=)", re.IGNORECASE)
 _ODD_FLOW: Final = re.compile(r"\b(?:GOTO\w*|CASE|SETINT)\b|\bREPEATB?\b", re.IGNORECASE)
 _END: Final = re.compile(r"\bM0*(?:2|17|30)\b(?!\s*=)|^RET\b", re.IGNORECASE)
 _CALL: Final = re.compile(
-    r"\b(?:P?CALL|EXTCALL|ISOCALL)\b|^L\d+\b|^(?!MSG|CYCLE\d|POCKET\d|SLOT\d|HOLES\d)[A-Z_]{2,}\w*\s*(?:\(|$|P\s*=?\d)",
+    r"\b(?:P?CALL|EXTCALL|ISOCALL)\b|^L\d+\b|"
+    r"^(?!(?:MSG|CYCLE\d+|POCKET\d|SLOT\d|HOLES\d)(?!\w))[A-Z_]{2,}\w*\s*(?:\(|$|P\s*=?\d)",
     re.IGNORECASE,
 )
-_MODAL_CALL: Final = re.compile(r"MCALL\b(?:\s+(?!CYCLE\d|POCKET\d|SLOT\d|HOLES\d)(\w+))?", re.IGNORECASE)
+_MODAL_CALL: Final = re.compile(r"MCALL\b(?:\s+(?!(?:CYCLE\d+|POCKET\d|SLOT\d|HOLES\d)(?!\w))(\w+))?", re.IGNORECASE)
 _STILL: Final = re.compile(
     r"^(?:SOFT|BRISK|DRIVE|COMP\w+|FFWO[NF]|STOPRE|A?TRANS|A?ROT|A?SCALE|A?MIRROR|SUPA|DIAM\w+|CUT2D\w*|CF\w+|NORM|KONT|"
-    r"MCALL|UPATH|SPATH|FIFOCTRL|ORI\w+)\b",
+    r"MCALL|UPATH|SPATH|FIFOCTRL|ORI\w+|F(?:NORM|LIN|CUB)|DYN\w+|WALIMO[NF]|CDO[NF]|RTLIO[NF]|WORKPIECE|"
+    r"GROUP_(?:BEGIN|END|ADDEND)|SETMS|FGROUP)\b",
     re.IGNORECASE,
 )
 """Words that stand alone, and are no subprograms."""
@@ -71,6 +73,17 @@ class SinumerikStore(NumberStore):
         if math.isnan(found):
             self.doubt = self._names.get(round(index), f"R{index:g}") if not math.isnan(index) else "R"
         return found
+
+
+def calls_subprogram(rest: str) -> bool:
+    """Return whether a line, without slash, number and label, calls a subprogram that may set anything.
+
+    Examples
+    --------
+    >>> [calls_subprogram(line) for line in ("SIDE_2", "L10", "SLOT1_OWN(5)", "SLOT1(5)", "SOFT", "G0 X5")]
+    [True, True, True, False, False, False]
+    """
+    return _CALL.search(rest) is not None and _STILL.match(rest) is None
 
 
 def definitions(text: str) -> list[tuple[str, str, str | None]]:
@@ -322,7 +335,7 @@ class SinumerikRunner:
         modal = _MODAL_CALL.match(rest)
         if modal is not None:
             self._modal_call = modal[1] is not None
-        if self._modal_call or (_CALL.search(rest) and not _STILL.match(rest)):
+        if self._modal_call or calls_subprogram(rest):
             self.store.numbers.clear()
 
     # ------------------------------------------------------------------ values

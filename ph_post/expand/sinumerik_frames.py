@@ -31,7 +31,7 @@ _STILL: Final = re.compile(r"$|MSG\s*\(|R\d+\s*=|DEF\b|STOPRE$|G0*4(?!\d)")
 _DIAMETERS: Final = re.compile(r"\bDIAM(?:ON|90)\b")
 _CODE: Final = re.compile(r"(?<![A-Z=])G\s*0*(\d+)(?!\d)")
 _MODAL_CALL: Final = re.compile(r"\bMCALL\b\s*(\S?)")
-"""A subprogram that is called behind each block that moves, up to an MCALL alone: it runs in the frame of that block."""
+"""A subprogram that is called behind each block that moves, up to an MCALL alone, and runs in the frame there."""
 _ENDS: Final = re.compile(r"\bM\s*0*(?:2|17|30)(?!\d)|^RET\b")
 _MOTIONS: Final = frozenset((0, 1, 2, 3))
 _ARCS: Final = {2: 3, 3: 2}
@@ -171,7 +171,8 @@ class _FrameWork:
                 raise FrameStandsError(self._row, "a frame that stays comes on top of it")
             self._stands = row
             return [one.text]
-        why = self._why_not(word, values)
+        modal = "a subprogram is called behind each of its moves (MCALL)"
+        why = modal if self._called else self._why_not(word, values)
         if why:
             raise FrameStandsError(row, why)
         frame = _frame_of(word, values)
@@ -185,8 +186,6 @@ class _FrameWork:
         return [] if added else [one.with_words(word)]
 
     def _why_not(self, word: str, values: dict[str, float]) -> str:
-        if self._called:
-            return "a subprogram is called behind each of its moves (MCALL)"
         if word == "SCALE":
             return "scaled coordinates are not written out"
         if not self._upright:

@@ -259,3 +259,46 @@ def test_tangential_arcs_go_on_smoothly(seed: int) -> None:
 def test_a_tangential_arc_that_is_not_certain_stays(body: str) -> None:
     """Behind a corner, of a half turn, straight on, from nowhere, and as a helix."""
     assert written("heidenhain", body)[0] == body.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("line", "end", "written_out"),
+    [
+        ("SOFT", "", True),
+        ("MSG(1)", "", True),
+        ("M6 T1", "", True),
+        ("G91 SOFT", "G90", False),
+        ("/G91", "G90", False),
+        ("/G90", "G90", True),
+        ("G18 SOFT", "G17", False),
+        ("/G18", "G17", False),
+        ("SIDE_2", "G90 G17", False),
+        ("L20", "G90 G17", False),
+        ("MCALL CYCLE81(10,0,2,-5)", "MCALL", False),
+        ("/MCALL L20", "MCALL", False),
+        ("RNDM=2", "RNDM=0", False),
+        ("FRCM=100", "FRCM=0", False),
+        ("/FRCM=100", "FRCM=0.", False),
+    ],
+)
+def test_a_corner_behind_what_is_not_followed_is_written_out_where_all_is_known(
+    line: str, end: str, written_out: bool
+) -> None:
+    """A line that is not read may leave another measure, plane or feed, or something behind each block."""
+    corner = "G1 X20 Y1 F200\nX30 Y1 RND=3\nX30 Y20"
+    lines, _ = written("siemens", f"{line}\n{corner}\nG1 X0 Y0\n")
+    assert (lines[2:4] != corner.splitlines()[1:]) == written_out
+    lines, _ = written("siemens", f"{line}\n{end}\n{corner}\nG1 X0 Y0\n")
+    assert any(one.startswith("G3 X30 Y4 CR=3") for one in lines)
+
+
+@pytest.mark.parametrize("ended", ["/MCALL", "/RNDM=0", "/FRCM=0", "/G90"])
+def test_a_line_with_a_slash_ends_nothing_that_keeps_corners(ended: str) -> None:
+    begun = {"/MCALL": "MCALL L20", "/RNDM=0": "RNDM=2", "/FRCM=0": "FRCM=50", "/G90": "G91 SOFT"}[ended]
+    body = f"{begun}\n{ended}\nG17\nG1 X20 Y1 F200\nX30 Y1 RND=3\nX30 Y20\n"
+    assert written("siemens", body)[0] == body.splitlines()
+
+
+def test_a_corner_with_a_feed_of_its_own_is_written_out_whatever_frcm_says() -> None:
+    lines, _ = written("siemens", "FRCM=100\nG1 X20 Y1 F200\nX30 Y1 RND=3 FRC=50\nX30 Y20\n")
+    assert lines[2:] == ["X27 Y1", "G3 X30 Y4 CR=3 F50", "G1 X30 Y20 F200"]
