@@ -157,13 +157,14 @@ class SinumerikParser(Parser):
 class SinumerikLine(msgspec.Struct, frozen=True, kw_only=True):
     """A line: its text, what stands of it behind slash, number and label, and what it does.
 
-    `order` is "", "set", "jump", "repeat" or the word of a check structure; `match` what its pattern found.
+    `slash` is that with the level of its skip, empty where there is none; `order` is "", "set", "jump", "repeat" or the
+    word of a check structure; `match` what its pattern found.
     """
 
     text: str
     rest: str
     begin: int
-    slash: bool
+    slash: str
     number: str
     label: str
     order: str = ""
@@ -188,7 +189,7 @@ def read_sinumerik_line(text: str, patterns: ParameterPatterns) -> SinumerikLine
         text=text,
         rest=rest,
         begin=lead.end(),
-        slash=lead[1] is not None,
+        slash="" if not lead[1] else lead[1] if len(lead[1]) == 1 else f"{lead[1]} ",
         number=(lead[2] or "").upper(),
         label=(lead[3] or "").upper(),
         order=order,
@@ -385,7 +386,7 @@ class SinumerikRunner:
         changed = self._with_values(line)
         again = index in self._seen
         if again or changed != text[line.begin :]:
-            lead = "/" * line.slash if again else text[: line.begin]
+            lead = line.slash if again else text[: line.begin]
             text = lead + changed
             self.changed = True
         self._seen.add(index)

@@ -321,3 +321,8 @@ def test_frames_that_stay_are_named(parts, why):
     found = expand(text.encode(), "a.mpf", language="siemens")
     assert [note for note in found.notes if why in note and " stays as it is: " in note]
     assert found.data.decode() == text
+
+
+def test_a_line_that_may_be_skipped_and_runs_again_keeps_its_level():
+    found = lines_of("G90\nA1:\nN5 X1\n/2 N6 Z-3\n/ Z-4\nA2:\nREPEAT A1 A2 P=1\nM30\n")
+    assert found == ["G90", "A1:", "N5 X1", "/2 N6 Z-3", "/ Z-4", "A2:", "X1", "/2 Z-3", "/Z-4", "M30"]
