@@ -38,6 +38,8 @@ _SIEMENS_LEAD: Final = re.compile(r"\s*(/\d?)?\s*(?:[N:]\d+\s*)?(?:[A-Z_]\w+\s*:
 _CODE: Final = re.compile(r"(?<![A-Z_$=\d])G\s*0*(\d+)(?![\d.])")
 _MODAL: Final = re.compile(r"\b(?:(MCALL)\b\s*(\S*)|(RNDM|FRCM)\s*=\s*(\S+))")
 """What is in force up to its own end: a subprogram behind each block, corners rounded behind each, and their feed."""
+_OWN: Final = "subprogram"
+"""Stands for that where a modal call is not of a cycle of the control, so that it may set any mode."""
 _NOTHING: Final = re.compile(r"[-+]?0*\.?0*$")
 _SCALE: Final = re.compile(r"\bA?SCALE\b")
 _DECIMALS: Final = 6
@@ -175,12 +177,14 @@ class IsoCorners(CornerFollower[IsoMove]):
                 self._absolute = (code == 90) if not slash or self._absolute is (code == 90) else None
             elif code in (17, 18, 19):
                 self._plane = code == 17 and (self._plane or not slash)
+        called = calls_subprogram(rest)
         for word, call, other, number in _MODAL.findall(rest):
+            called |= word == "MCALL" and _OWN in self._modal
             if call or (other and not _NOTHING.match(number)):
-                self._modal.add(word or other)
+                self._modal |= {word or other, *([_OWN] if calls_subprogram(call) else [])}
             elif not slash:
-                self._modal.discard(word or other)
-        if calls_subprogram(rest):
+                self._modal -= {word or other, *([_OWN] if word else [])}
+        if called:
             self._absolute, self._plane = None, False
 
     def _forget(self) -> None:

@@ -17,6 +17,7 @@ import msgspec
 from ph_post.expand.faults import NotExpandableError
 from ph_post.expand.frame_writer import FrameStandsError, FrameWriter
 from ph_post.expand.frames import PlaneFrame, mirrored_in, turned_by
+from ph_post.expand.sinumerik import calls_subprogram
 from ph_post.expand.writing import number_text
 
 _NUMBER: Final = r"[-+]?[ \t]*(?:\d+\.?\d*|\.\d+)"
@@ -28,9 +29,11 @@ _VALUE: Final = re.compile(rf"\s*(RPL|[A-Z])\s*(?:=\s*)?({_NUMBER})")
 _WORD: Final = re.compile(rf"\s*([A-Z]+)\s*(?:=\s*)?(?:(AC|IC)\s*\(\s*({_NUMBER})\s*\)|({_NUMBER})(?![\w=(*/+-]))")
 _STILL: Final = re.compile(r"$|MSG\s*\(|R\d+\s*=|DEF\b|STOPRE$|G0*4(?!\d)")
 """Lines that no frame changes."""
+_LONE_CALL: Final = re.compile(r"(?<![\w$])L\d|\bM?CALL\b")
+"""A subprogram that is called beside other words."""
 _DIAMETERS: Final = re.compile(r"\bDIAM(?:ON|90)\b")
 _CODE: Final = re.compile(r"(?<![A-Z=])G\s*0*(\d+)(?!\d)")
-_MODAL_CALL: Final = re.compile(r"\bMCALL\b\s*(\S?)")
+_MODAL_CALL: Final = re.compile(r"\bMCALL\b\s*(.*)")
 """A subprogram that is called behind each block that moves, up to an MCALL alone, and runs in the frame there."""
 _ENDS: Final = re.compile(r"\bM\s*0*(?:2|17|30)(?!\d)|^RET\b")
 _MOTIONS: Final = frozenset((0, 1, 2, 3))
@@ -123,10 +126,11 @@ class _FrameWork:
         self._stands: int | None = None
         self._at: complex | None = None
         self._mode: int | None = None
-        self._absolute, self._upright = True, False
+        self._absolute: bool | None = True
+        self._upright = False
         self._side = _NO_SIDE
         self._behind: int | None = None
-        self._called = False
+        self._called = ""
 
     def written(self) -> list[list[str]]:
         """Return the lines of each row."""
@@ -136,7 +140,8 @@ class _FrameWork:
                 raise FrameStandsError(None, "places are diameters")
             modal = _MODAL_CALL.search(one.rest)
             if modal is not None:
-                self._called = modal[1] != "" or (self._called and one.slash)
+                self._lose_called(self._called)
+                self._called = modal[1] or (self._called if one.slash else "")
             definition = _DEFINITION.match(one.rest)
             if definition is not None:
                 found[row] = self._defined(row, one, definition)
@@ -188,8 +193,8 @@ class _FrameWork:
     def _why_not(self, word: str, values: dict[str, float]) -> str:
         if word == "SCALE":
             return "scaled coordinates are not written out"
-        if not self._upright:
-            return "no G17 stands before it"
+        if not self._upright or self._absolute is None:
+            return f"no {'G90 or G91' if self._upright else 'G17'} stands before it"
         if self._side != _NO_SIDE:
             return "it begins beside the contour"
         if word == "ROT" and set(values) not in ({"RPL"}, {"Z"}):
@@ -203,7 +208,11 @@ class _FrameWork:
     def _follow(self, one: _SinumerikRow) -> None:
         """Follow a line that stays, up to where the place from the frame before is gone."""
         words = _words_of(one.rest)
+        before = self._mode, self._absolute, self._upright, self._side
         self._take_codes({int(code) for code in _CODE.findall(one.rest)})
+        if one.slash:
+            self._keep_same(*before)
+        self._lose_called(one.rest.strip())
         if _STILL.match(one.rest) or words == []:
             return
         if words is None:
@@ -216,6 +225,18 @@ class _FrameWork:
         if not self._names_both(words) or one.slash:
             raise FrameStandsError(self._behind, "the first move behind it is not straight to X and Y")
         self._behind = None
+
+    def _lose_called(self, text: str) -> None:
+        """Know no mode behind the call of a subprogram of the program's own, if a text is one."""
+        if calls_subprogram(text):
+            self._mode, self._absolute, self._upright = None, None, False
+
+    def _keep_same(self, mode: int | None, absolute: bool | None, upright: bool, side: int) -> None:
+        """Know of the modes only what is the same as before a line that may run or not."""
+        self._mode = mode if mode == self._mode else None
+        self._absolute = absolute if absolute == self._absolute else None
+        self._upright = upright and self._upright
+        self._side = side if self._side == _NO_SIDE else self._side
 
     def _take_codes(self, codes: set[int]) -> None:
         for code in codes:
@@ -230,7 +251,7 @@ class _FrameWork:
 
     def _is_place(self, word: _Word) -> bool:
         """Return whether a word of an axis says where it goes, and not how far."""
-        return word.function == "AC" or (self._absolute and not word.function)
+        return word.function == "AC" or (self._absolute is True and not word.function)
 
     def _names_both(self, words: Sequence[_Word]) -> bool:
         """Return whether a move is straight, to a place of which X and Y are said."""
@@ -245,7 +266,7 @@ class _FrameWork:
         assert frame is not None
         if _OTHER_FRAME.match(one.rest):
             raise NotExpandableError("another frame in it")
-        if _STILL.match(one.rest):
+        if _STILL.match(one.rest) and _LONE_CALL.search(one.rest) is None:
             return one.text
         codes = {round(word.number) for word in words or () if word.name == "G"}
         orders = {round(word.number) for word in words or () if word.name == "M"}

@@ -286,8 +286,9 @@ def test_an_arc_by_its_centre_and_angle_keeps_both_and_has_no_end():
 
 
 def test_a_frame_behind_the_end_of_a_modal_call_is_written_out():
-    text = framed("MCALL L20", "G0 X5 Y5", "MCALL", "ROT RPL=90", "G0 X5 Y0", "ROT")
-    assert "G0 X0 Y5" in lines_of(text)
+    for call, modes, out in (("CYCLE81(1)", "M8", True), ("L20", "M8", False), ("L20", "G17 G90", True)):
+        text = framed(f"MCALL {call}", "G0 X5 Y5", "MCALL", modes, "ROT RPL=90", "G0 X5 Y0", "ROT")
+        assert ("G0 X0 Y5" in lines_of(text)) == out
 
 
 @pytest.mark.parametrize(
@@ -309,6 +310,11 @@ def test_a_frame_behind_the_end_of_a_modal_call_is_written_out():
         (["ROT RPL=R7", "G0 X5 Y5"], "not known"),
         (["DIAMON", "ROT RPL=30", "G0 X5 Y5"], "diameters"),
         (["G18", "ROT RPL=30", "G0 X5 Y5"], "no G17"),
+        (["G91", "/G90", "ROT RPL=30", "G0 X5 Y5"], "no G90 or G91"),
+        (["/G18", "ROT RPL=30", "G0 X5 Y5"], "no G17"),
+        (["G41 G1 X0 Y0 F100", "/G40", "ROT RPL=30", "G0 X5 Y5"], "beside the contour"),
+        (["SIDE_2", "G17", "ROT RPL=30", "G0 X5 Y5"], "no G90 or G91"),
+        (["ROT RPL=30", "G0 X5 Y5", "R1=5 L20"], "not followed"),
         (["MCALL L20", "G0 X5 Y5", "AROT RPL=30", "G0 X1 Y2", "AROT RPL=30", "G0 X1 Y2", "ROT"], "MCALL"),
         (["MCALL CYCLE81(10,0,2,-5)", "/MCALL", "ROT RPL=30", "G0 X5 Y5"], "MCALL"),
         (["ROT RPL=30", "G0 X5 Y5", "MCALL L20", "G0 X1 Y2", "MCALL", "ROT"], "not followed"),
