@@ -288,6 +288,8 @@ def test_nothing_comes_between_a_tangential_block_and_the_one_before_it() -> Non
     program = read_siemens(b"G90 G71 F100\nG1 X0 Y0\nX5\nX10 Y10\nCT X20 Y20\nX30 Y10\nG1 X40\nX50\nM30\n", "a.mpf")
     assert program.notes[0].what == "block before a tangential one"
     assert program.motions.block.tolist() == [1, 2, 6, 7]
+    program = read_siemens(b"G90 G71 F100\nG1 X0 Y0\nX5\nX10 Y10\n/X12\nCT X20 Y20\nX30 Y10\nG1 X40\nM30\n", "a.mpf")
+    assert program.motions.block.tolist() == [1, 2, 7]
 
 
 @pytest.mark.parametrize(

@@ -135,6 +135,7 @@ class Translator:
         self.motions: dict[int, str] = {}
         self.moves: list[int] = []
         self.tangents: set[int] = set()
+        self._slashed: set[int] = set()
         self.diameters, self.resting = diameters, tables.QUIET_M | resting
         self._computes, self._forced = computes, forced
 
@@ -144,9 +145,15 @@ class Translator:
         if slash is None or not slash[1]:
             return self._translated(number, text, base)
         before = self.modes.copy()
+        self._slashed.add(number)
         found = self._translated(number, text, base)
         self.modes.may_be(before)
         return found
+
+    def moves_before(self) -> list[int]:
+        """Return the lines of which one is the move before: the last, and where that may not run the one before it."""
+        last = next((k for k in range(len(self.moves) - 1, -1, -1) if self.moves[k] not in self._slashed), 0)
+        return self.moves[last:]
 
     def _translated(self, number: int, text: str, base: int) -> str:
         if text.lstrip().startswith("%"):
@@ -523,7 +530,7 @@ class _Line:
         if self.modes.motion not in _KNOWN or self.modes.rounded or cut:
             self._refuse(first)
         if self.modes.motion == _TANGENTIAL:
-            self.of.tangents.update(self.of.moves[-1:])
+            self.of.tangents.update(self.of.moves_before())
         self.of.moves.append(self.number)
         if self.modes.absolute is None:
             return
