@@ -170,6 +170,7 @@ class IsoCorners(CornerFollower[IsoMove]):
 
     def _take_unread(self, bare: str) -> None:
         """Take in what a line of Siemens's sets that is not followed otherwise; with a slash it may run or not."""
+        bare = re.sub(r'"[^"]*"', '""', bare)
         lead = _SIEMENS_LEAD.match(bare)
         slash, rest = (lead is not None and lead[1] is not None), bare[lead.end() if lead else 0 :].strip()
         for code in map(int, _CODE.findall(rest)):

@@ -315,7 +315,7 @@ class SinumerikRunner:
             ends = _END.search(line.rest) is not None
             self._forget_set(line.rest)
             self._write(index)
-            self._forget_called(line.rest)
+            self._forget_called(line)
         while self._parts and self._at == self._parts[-1].last:
             part = self._parts[-1]
             part.left -= 1
@@ -331,12 +331,12 @@ class SinumerikRunner:
         for found in self._patterns.set_anywhere.finditer(rest):
             self.store.numbers.pop(self._patterns.key(found[1]), None)
 
-    def _forget_called(self, rest: str) -> None:
+    def _forget_called(self, line: SinumerikLine) -> None:
         """Forget what another program may have set: one that a line calls, or every motion (MCALL)."""
-        modal = _MODAL_CALL.match(rest)
+        modal = _MODAL_CALL.match(line.rest)
         if modal is not None:
-            self._modal_call = modal[1] is not None
-        if self._modal_call or calls_subprogram(rest):
+            self._modal_call = modal[1] is not None or (self._modal_call and line.slash != "")
+        if self._modal_call or calls_subprogram(line.rest):
             self.store.numbers.clear()
 
     # ------------------------------------------------------------------ values

@@ -539,7 +539,12 @@ def test_iso_mode_is_passed_through_and_what_it_turns_stays_turned() -> None:
     iso = f"{SAFE}\n{BEGIN}G291\nG90 G1 X5 (words)\n{{}}{SAFE} G1 X6\nG290\n{SAFE}\nG1 X20 Y20 F500\nX40\nM30\n"
     assert _ends_behind(_read(iso.format("")), 3).tolist() == [[20, 20], [40, 20]]
     assert not _ends_behind(_read(iso.format("G68 X0 Y0 R45\n")), 3).size
-    assert _read(iso.format("M30\n")).breaks[-1].block == 5
+    assert _read(iso.format("N9M30\n")).breaks[-1].block == 5
+
+
+def test_an_offset_that_is_set_as_a_variable_keeps_no_frame_of_the_program() -> None:
+    begin = f"{SAFE}\n{BEGIN}$P_UIFR[1,X,TR]=5\n{SAFE}\nROT RPL=30\nG1 X1 F100\nROT\n"
+    assert _ends_behind(_read(f"{begin}G1 X20 Y20 F500\nX40\nM30\n"), 5).tolist() == [[20, 20], [40, 20]]
 
 
 @pytest.mark.parametrize("line", ["G[14]=2", "G=R1"])

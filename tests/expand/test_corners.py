@@ -265,7 +265,7 @@ def test_a_tangential_arc_that_is_not_certain_stays(body: str) -> None:
     ("line", "end", "written_out"),
     [
         ("SOFT", "", True),
-        ("MSG(1)", "", True),
+        ('MSG("G91 G18")', "", True),
         ("M6 T1", "", True),
         ("G91 SOFT", "G90", False),
         ("/G91", "G90", False),

@@ -332,3 +332,9 @@ def test_frames_that_stay_are_named(parts, why):
 def test_a_line_that_may_be_skipped_and_runs_again_keeps_its_level():
     found = lines_of("G90\nA1:\nN5 X1\n/2 N6 Z-3\n/ Z-4\nA2:\nREPEAT A1 A2 P=1\nM30\n")
     assert found == ["G90", "A1:", "N5 X1", "/2 N6 Z-3", "/ Z-4", "A2:", "X1", "/2 Z-3", "/Z-4", "M30"]
+
+
+def test_a_line_with_a_slash_ends_no_modal_call():
+    """The subprogram may set R1 behind each block."""
+    for end, value in (("MCALL", "X=3"), ("/MCALL", "X=R1")):
+        assert f"G1 {value}" in lines_of(f"G90\nMCALL L20\n{end}\nR1=3\nG1 X5\nG1 X=R1\nR2=R1\nM30\n")

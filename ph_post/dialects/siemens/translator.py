@@ -46,7 +46,7 @@ _KNOWN: Final = frozenset((*tables.MOTIONS, "POLY", "CIP", ""))
 _ISO_END: Final = re.compile(r"G\s*0*290(?!\d)", re.IGNORECASE)
 _ISO_FRAMES: Final = re.compile(r"G\s*0*(?:7\.1|12\.1|16|43\.[45]|51|68|107|112)(?!\d)", re.IGNORECASE)
 """Words of ISO mode that turn, scale or mirror, or make places polar or those of a cylinder."""
-_PROGRAM_END: Final = re.compile(r"[^/(]*?\bM0*(?:2|30)(?!\d)", re.IGNORECASE)
+_PROGRAM_END: Final = re.compile(r"[^/(]*?(?<![A-Z_])M0*(?:2|30)(?!\d)", re.IGNORECASE)
 _UNSURE: Final = "?"
 """In the place of a motion word where it may be one or another."""
 
@@ -623,17 +623,18 @@ def _is_on(word: Word) -> bool:
 def frame_of(word: Word) -> tuple[str, str] | None:
     """Return the name of what makes the frame another, and its RS274 word; None of words that do not.
 
+    A variable that only moves it is none: that the place is not known behind it is all of that.
+
     Examples
     --------
     >>> [frame_of(word) for word in read_words("ROT RPL=5 $P_UIFR[1]=CTRANS(X,5) $P_PFRAME=CROT(Z,5) CYCLE800()")]
-    [('ROT', 'G68'), None, ('$P_UIFR', ''), ('$P_PFRAME', 'G68'), None]
+    [('ROT', 'G68'), None, None, ('$P_PFRAME', 'G68'), None]
     """
     name, text = g_word(word) or word.name.partition("[")[0], re.sub(r"\s", "", word.text.upper())
     if name in tables.FRAMES and text != "CYCLE800()":
         return name, tables.FRAMES[name]
-    if tables.FRAME_VARIABLE.fullmatch(name):
-        return name, "" if tables.MOVED_ONLY.search(text) else "G68"
-    return None
+    turns = tables.FRAME_VARIABLE.fullmatch(name) is not None and tables.MOVED_ONLY.search(text) is None
+    return (name, "G68") if turns else None
 
 
 def _lost_behind(called: Word) -> str:
