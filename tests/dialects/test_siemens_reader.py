@@ -575,3 +575,12 @@ def test_a_feed_that_changes_on_an_unknown_way_or_from_an_unknown_one_is_passed_
     assert [program.text(note.first).strip() for note in named] == [b"Y20 F400", b"X0 F300"]
     behind = program.motions.block > named[-1].last
     assert program.motions.feed[behind][[0, -1]] / MM_PER_MIN == pytest.approx([300.0, 200.0])
+
+
+@pytest.mark.parametrize("line", ["X20 F200", "X=IC(0) F200", "G0 X20 F200\nG1"])
+def test_a_block_that_stays_where_it_is_changes_the_feed_alone(line: str) -> None:
+    program = _read(f"{SAFE}\n{BEGIN}X10 F500\nFLIN\nX20 F300\n{line}\nX60 F100\nFNORM X70\nM30\n")
+    assert not program.notes
+    first = program.motions.block == program.motions.block[-1] - 1
+    assert program.motions.feed[first][[0, -1]] / MM_PER_MIN == pytest.approx([200.0, 100.0], abs=2.0)
+    assert program.motions.feed[-1] / MM_PER_MIN == pytest.approx(100.0)

@@ -16,7 +16,7 @@ from ph_post.gcode.arcs import swept_angle
 from ph_post.gcode.blocks import Feed
 from ph_post.gcode.curves import curves_of
 from ph_post.gcode.motion_parts import place
-from ph_post.gcode.program import ARC, AXES, NURBS, PLANE_AXES, Motions, NurbsData, PartProgram, feed_runs
+from ph_post.gcode.program import ARC, AXES, LINE, NURBS, PLANE_AXES, RAPID, Motions, NurbsData, PartProgram, feed_runs
 from ph_post.geometry.bernstein import from_power, restrict
 from ph_post.geometry.piecewise import MEETS
 from ph_post.types import Array, IntArray, sealed
@@ -131,13 +131,13 @@ def _with_profiles(
     divided: dict[int, _Parts] = {}
     refused: dict[int, str] = {}
     for line, row in motion_rows(motions, profiles):
-        if line > 0 and not math.isnan(motions.feeds.at(row)):
+        if line > 0 and motions.kind[row] != RAPID and not math.isnan(motions.feeds.at(row)):
             speed = program.modal_after(line).units / MINUTE
             before = program.feed_after(line - 1) * speed
             found = None if np.isnan(before) else _parts(motions, row, before, profiles[line], speed)
-            if found is None and motions.feeds.at(row) > 0.0:
+            if found is None:
                 refused[line] = _named(program, line, "feed of an unknown course")
-            elif found is not None:
+            else:
                 if not (found.feeds > 0.0).all():
                     refused[line] = _named(program, line, "feed that falls to zero")
                 divided[row] = found
@@ -158,6 +158,9 @@ def _parts(motions: Motions, row: int, before: float, profile: FeedProfileWords,
         return None
     if not (feed.at(np.linspace(0.0, 1.0, 65)) > 0.0).all():
         return _Parts(edges=np.array([0.0, 1.0]), feeds=np.zeros(1))
+    if motions.kind[row] == LINE and np.linalg.norm(np.nan_to_num(end - start)) <= MEETS:
+        # The feed has changed when it comes to the next block, and nothing has moved.
+        return _Parts(edges=np.array([0.0, 1.0]), feeds=np.array([feed.end]))
     length = sum(curve.length for curve in curves_of(motions, row, (0, 1, 2)))
     times = _times(feed, np.linspace(0.0, 1.0, _MOST_PARTS + 1)) * length
     count = int(np.clip(math.ceil(times.sum() / _LONGEST_PART - 1e-9), 1, _MOST_PARTS))
