@@ -506,6 +506,10 @@ def test_the_feed_of_what_is_passed_through_stays_in_force(dialect: str, blocks:
         ("heidenhain", ("CALL LBL 4",)),
         ("heidenhain", ("CALL LBL 5",)),
         ("heidenhain", ("/CALL LBL 4",)),
+        ("heidenhain", ("L X+5 Y+5 RL", "/CALL LBL 6")),
+        ("heidenhain", ("L X+5 Y+5 RL", "FN 9: IF +Q5 EQU +1 GOTO LBL 9", "CALL LBL 6", "LBL 9")),
+        ("heidenhain", ("APPR LT X+5 Y+20 LEN10 RLF300",)),
+        ("heidenhain", ("LN X+5 Y+2 Z+0 NX+0 NY+0 NZ+1 RRF300M3",)),
         ("heidenhain", ("L X+5 Y+5 RL", "FC DR+ R0.5")),
         ("heidenhain", ("L X+5 Y+5 RL", "LP PR0.5 PA+20")),
         ("heidenhain", ("L X+5 Y+5 RL", "FN 9: IF +Q5 EQU +1 GOTO LBL 9", "L X+3 R0", "LBL 9")),
@@ -516,7 +520,10 @@ def test_the_feed_of_what_is_passed_through_stays_in_force(dialect: str, blocks:
 )
 def test_a_cutter_beside_its_contour_stays_there_whatever_brought_it(dialect: str, blocks: tuple[str, ...]) -> None:
     labels = {
-        "heidenhain": ("M30", "LBL 4", "APPR LT X+5 Y+5 LEN10 RL", "LBL 0", "LBL 5", "CALL LBL 4", "LBL 0"),
+        "heidenhain": (
+            *("M30", "LBL 4", "APPR LT X+5 Y+5 LEN10 RL", "LBL 0", "LBL 5", "CALL LBL 4", "LBL 0"),
+            *("LBL 6", "L Y+6 R0", "LBL 0"),
+        ),
         "heidenhain-iso": ("M30", "G98 L4", "G01 G41 X+5 Y+5", "G98 L0"),
     }
     both = {dialect: (*IN_FORCE[dialect], *blocks, *BEHIND[dialect], *labels[dialect])}
@@ -566,7 +573,18 @@ def test_a_frame_that_may_be_turned_is_not_followed(dialect: str, block: str) ->
     [
         (("TRANS ROTATION ROT+45",), ("TRANS ROTATION RESET",)),
         (("TRANS MIRROR AXIS X",), ("TRANS MIRROR RESET",)),
-        (("FUNCTION PARAXMODE X Y W",), ("FUNCTION PARAXMODE OFF",)),
+        (("FUNCTION PARAXMODE X Y W", "FUNCTION PARAXCOMP OFF Z"), ("FUNCTION PARAXMODE OFF",)),
+        (("M128", "CALL PGM 129"), ("M129",)),
+        (("PLANE SPATIAL SPA+0 SPB+9 SPC+0 STAY", "/CALL LBL 7"), ("PLANE RESET STAY",)),
+        (
+            *(
+                (
+                    *("LBL 1", "CYCL DEF 10.0 ROT", "CYCL DEF 10.1 ROT+45", "FN 9: IF +Q1 EQU +1 GOTO LBL 2"),
+                    *("CYCL DEF 10.0 ROT", "CYCL DEF 10.1 ROT+0", "LBL 2", "CALL LBL 1 REP 2"),
+                ),
+                ("CYCL DEF 10.0 ROT", "CYCL DEF 10.1 ROT+0"),
+            ),
+        ),
         (("M114",), ("M115",)),
         (("M144",), ("M145",)),
         (("M128 F1000",), ("M129",)),
@@ -580,17 +598,30 @@ def test_a_frame_that_may_be_turned_is_not_followed(dialect: str, block: str) ->
     ],
 )
 def test_a_turned_frame_is_seen_wherever_it_stands(on: tuple[str, ...], off: tuple[str, ...]) -> None:
-    sub = ("M30", "LBL 5", "CYCL DEF 10.0 ROTATION", "CYCL DEF 10.1 ROT+45", "LBL 0")
+    sub = ("M30", "LBL 5", "CYCL DEF 10.0 ROTATION", "CYCL DEF 10.1 ROT+45", "LBL 0", "LBL 7", "PLANE RESET", "LBL 0")
     for blocks, known in ((on, 0), ((*on, *off), 3)):
         first = len(IN_FORCE["heidenhain"]) + len(blocks) + 1
         program = klartext(*IN_FORCE["heidenhain"], *blocks, *BEHIND["heidenhain"], *sub)
         assert (program.motions.block >= first).sum() == known
 
 
-def test_a_subprogram_that_ends_its_turn_leaves_the_frame() -> None:
-    sub = ("M30", "LBL 5", "CYCL DEF 10.1 ROT+45", "L X+1", "CYCL DEF 10.1 ROT+0", "LBL 0")
-    program = klartext(*IN_FORCE["heidenhain"], "CALL LBL 5", *BEHIND["heidenhain"], *sub)
+@pytest.mark.parametrize(
+    "body",
+    [
+        ("CYCL DEF 10.1 ROT+45", "L X+1", "CYCL DEF 10.1 ROT+0"),
+        ("TRANS DATUM AXIS X+5",),
+        ("CALL PGM 128",),
+        ("FUNCTION PARAXCOMP DISPLAY W",),
+    ],
+)
+def test_a_subprogram_that_leaves_the_frame_does_so(body: tuple[str, ...]) -> None:
+    program = klartext(*IN_FORCE["heidenhain"], "CALL LBL 5", *BEHIND["heidenhain"], "M30", "LBL 5", *body, "LBL 0")
     assert (program.motions.block >= 4).sum() == 3
+
+
+def test_a_call_ends_a_turn() -> None:
+    blocks = ("M128", "CALL LBL 5", *BEHIND["heidenhain"], "M30", "LBL 5", "M129", "LBL 0")
+    assert (klartext(*IN_FORCE["heidenhain"], *blocks).motions.block >= 5).sum() == 3
 
 
 @pytest.mark.parametrize(

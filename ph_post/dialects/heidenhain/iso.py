@@ -21,6 +21,7 @@ from ph_post.dialects.heidenhain.tnc import (
     StaysInForce,
     Tnc,
     frame_change,
+    frame_turns,
     joined,
     number_of,
     tips_in,
@@ -62,9 +63,9 @@ def in_force(line: str) -> StaysInForce:
     (('300', 'G41'), ('', None))
     """
     skipped, text = line.startswith("/"), re.sub(r"^/?\s*(?:N\s*\d+\s*)?", "", line)
-    change, block = frame_change(text), _Block(OWN_FEED.sub(" ", text))
-    if change is not None:
-        return StaysInForce(turns=(change,) if change[1] or not skipped else ())
+    block = _Block(OWN_FEED.sub(" ", text))
+    if frame_change(text) is not None:
+        return StaysInForce(turns=tuple(turn for turn in frame_turns(text) if turn[1] or not skipped))
     codes = set(block.codes)
     feed = "" if codes & (_CORNERS | {4}) or block.value("F") in (None, "MAX") else block.value("F") or ""
     side = next((f"G{code}" for code in reversed(block.codes) if code in _SIDES), None)

@@ -17,6 +17,7 @@ from typing import Final
 
 from ph_post.dialects.heidenhain.table import KlartextRows
 from ph_post.dialects.heidenhain.tnc import (
+    FUNCTION,
     NUMBER,
     CallLeaves,
     NotFollowed,
@@ -24,7 +25,7 @@ from ph_post.dialects.heidenhain.tnc import (
     StaysInForce,
     Tnc,
     Turns,
-    frame_change,
+    frame_turns,
     joined,
     number_of,
     tips_in,
@@ -36,7 +37,6 @@ from ph_post.gcode.program import PartProgram
 
 _PLACE: Final = re.compile(rf"(?<![A-Z])(I?)([XYZABCUVW])\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
 _FEED: Final = re.compile(rf"F\s*(MAX|AUTO|[ZTU]?\s*{NUMBER}|[ZTU]?\s*Q[LRS]?\d+)?")
-_FUNCTION: Final = re.compile(r"M\s*(\d+)")
 _SIDES: Final = {"0": "G40", "L": "G41", "R": "G42"}
 _PATH: Final = re.compile(r"(?!LBL|CALL|CYCL|CHF|CC(?![A-Z]))(?:L|C|F[LC]|APPR|DEP|SPL)")
 """A block of a path."""
@@ -80,7 +80,8 @@ def in_force(line: str) -> StaysInForce:
     if path is None and tool is None:
         return StaysInForce(pole=re.match(r"CC(?![A-Z])", text) is not None, turns=turns)
     feeds = [found[1] for found in _FEED.finditer(OWN_FEED.sub(" ", text)) if found[1] not in (None, "MAX")]
-    sides = [_SIDES[side] for side in SIDE.findall(text) if path] or ["G40"] * text.startswith("DEP")
+    bare = FUNCTION.sub(" ", _FEED.sub(" ", text))
+    sides = [_SIDES[side] for side in SIDE.findall(bare) if path] or ["G40"] * text.startswith("DEP")
     if skipped:
         return StaysInForce("AUTO" if feeds else "", next((side for side in sides if side != "G40"), None), turns=turns)
     return StaysInForce(feeds[-1] if feeds else "", sides[-1] if sides else None, turns=turns)
@@ -88,11 +89,10 @@ def in_force(line: str) -> StaysInForce:
 
 def _turns(text: str) -> Turns:
     """Return how a block turns the frame, or ends that."""
-    change, cycle = frame_change(text), _CYCLE.match(text)
-    found = [] if change is None else [change]
+    found, cycle = list(frame_turns(text)), _CYCLE.match(text)
     if cycle is not None and int(cycle[1]) in _TURNS:
         found.append((f"cycle {int(cycle[1])}", _turns_by(int(cycle[1]), cycle[2], cycle[3])))
-    return (*found, *tips_in(map(int, _FUNCTION.findall(text))))
+    return (*found, *tips_in(map(int, FUNCTION.findall(text))))
 
 
 def _turns_by(number: int, part: str | None, rest: str) -> bool:
@@ -234,7 +234,7 @@ class _KlartextFollower:
         if change is not None:
             return change
         if word == "STOP" or re.fullmatch(r"(?:M\s*\d+\s*)+", source):
-            functions = [int(number) for number in _FUNCTION.findall(source)]
+            functions = [int(number) for number in FUNCTION.findall(source)]
             text = self.tnc.straight({}, rapid=False, feed="", functions=functions)
             return joined("M0" if word == "STOP" else "", text)
         if _TANGENTIAL.match(bare.split(maxsplit=1)[0] if bare else ""):
@@ -315,7 +315,7 @@ class _KlartextFollower:
 
     @staticmethod
     def _functions(text: str) -> tuple[str, list[int]]:
-        return _FUNCTION.sub(" ", text), [int(number) for number in _FUNCTION.findall(text)]
+        return FUNCTION.sub(" ", text), [int(number) for number in FUNCTION.findall(text)]
 
     def _side(self, text: str) -> str:
         """Take the radius compensation out of a line."""

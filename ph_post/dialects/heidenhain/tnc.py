@@ -47,7 +47,8 @@ a stop (M148, M149)."""
 _TIPS: Final[Mapping[int, int]] = {128: 129, 114: 115, 144: 145}
 """M functions with which X, Y and Z may be those of a table that has turned, and those that end them: rotary axes about
 the tool's tip, corrected for them, and the kinematics in the positions (iTNC 530, Conversational, 11)."""
-_FUNCTION: Final = re.compile(r"(?<![A-Z])M\s*(\d{1,4})(?!\d)")
+FUNCTION: Final = re.compile(r"(?<!PG)M\s*(\d{1,4})(?!\d)")
+"""An M function, and not the number of a program (CALL PGM 128)."""
 _FEEDS_A_TURN: Final[Mapping[int, str]] = {136: "G95", 137: "G94"}
 
 _WHOLE: Final = 1e-9
@@ -84,9 +85,13 @@ _TCPM: Final = re.compile(r"FUNCTION\s+(RESET\s+)?TCPM\b")
 """Rotary axes about the tool's tip, as M128 has them (TNC 640, User's Manual, Conversational, 12, "FUNCTION TCPM")."""
 _TRANS: Final = re.compile(r"TRANS\s+(DATUM|ROTATION|MIRROR|SCALE)\b(.*\bRESET\b)?")
 """Shifts and turns of the frame (TNC7, User's Manual, Programming, "Functions for coordinate transformation")."""
-_PARALLEL: Final = re.compile(r"FUNCTION\s+PARAX(?:MODE|COMP)\b(.*\bOFF\b)?")
+_PARALLEL: Final = re.compile(r"FUNCTION\s+(PARAXMODE|PARAXCOMP(?!.*\bDISPLAY\b))\b(.*\bOFF\b)?")
 """Parallel axes in the place of X, Y and Z, or with them (TNC 640, User's Manual, "FUNCTION PARAXMODE")."""
 _DATUM: Final = "DATUM"
+
+
+Turns = tuple[tuple[str, bool], ...]
+"""Ways in which the frame is turned, mirrored, scaled or tilted, and whether it is so or no longer."""
 
 
 def frame_change(text: str) -> tuple[str, bool] | None:
@@ -102,18 +107,20 @@ def frame_change(text: str) -> tuple[str, bool] | None:
     if tip := _TCPM.match(text):
         return "TCPM", tip[1] is None
     if parallel := _PARALLEL.match(text):
-        return "PARAX", parallel[1] is None
+        return parallel[1], parallel[2] is None
     if trans := _TRANS.match(text):
         return (_DATUM, True) if trans[1] == _DATUM else (f"TRANS {trans[1]}", trans[2] is None)
     return None
 
 
+def frame_turns(text: str) -> Turns:
+    """Return how a block turns the frame, or ends that; a shift of the datum does neither."""
+    change = frame_change(text)
+    return () if change is None or change[0] == _DATUM else (change,)
+
+
 Places = dict[str, tuple[bool, Decimal | None]]
 """By axis: whether it is incremental, and the number, None where that is computed."""
-
-
-Turns = tuple[tuple[str, bool], ...]
-"""Ways in which the frame is turned, mirrored, scaled or tilted, and whether it is so or no longer."""
 
 
 class StaysInForce(NamedTuple):
@@ -146,6 +153,10 @@ class CallLeaves(NamedTuple):
 
     side: str | None = None
     turns: Turns = ()
+
+    def without_ends(self) -> CallLeaves:
+        """Return what it leaves where it may not run: it ends neither a side nor a turn."""
+        return CallLeaves(None if self.side == "G40" else self.side, tuple(turn for turn in self.turns if turn[1]))
 
 
 class NotFollowed(Exception):  # noqa: N818 - nothing is wrong with the program
@@ -236,6 +247,7 @@ class Tnc:
         self._states: list[str] = []
         self.side = "G40"
         self._frame = ""
+        self._ended = False
 
     def line(self, source: str, follow: Callable[[], str]) -> None:
         """Follow a line; what is not understood gets a note, and the position is forgotten."""
@@ -262,7 +274,7 @@ class Tnc:
             self._frame = self.turned(way, on)
         if pole:
             self._pole, self._pole_line = dict.fromkeys(AXES), None
-        for number in map(int, _FUNCTION.findall(source)):
+        for number in map(int, FUNCTION.findall(source)):
             self._per_turn(number)
             if not source.startswith("/"):
                 self._frame = self._tipped(number) or self._frame
@@ -278,12 +290,16 @@ class Tnc:
 
     def add(self, text: str) -> None:
         """Add the translation of a line."""
+        if self._ended and text and not text.endswith(NOT_UNDERSTOOD):
+            # A line behind which nothing is known ends no frame: the next one says it.
+            text, self._ended = joined("G69", text), False
         plane, self._plane_word = self._plane_word or _PLANE_WORDS[self.tool_axis], ""
         self._states.append(f"{self._units} G90 {plane} G90.1 {self._feeds} {self.side}")
         self.texts.append(text)
 
     def lose(self, what: str, text: str, left: CallLeaves | None = None) -> None:
         """Write a line after which nothing is known: a call, a jump; `left` is what it leaves in force of the rest."""
+        turned = bool(self._turned)
         if left is not None:
             self.side = left.side or self.side
             for way, on in left.turns:
@@ -291,6 +307,7 @@ class Tnc:
         self.forget(AXES)
         self.remarks[len(self.texts)] = Remark(what=f"{what}: {text}" if text else what)
         self.add(joined("G68" if self._turned else "", NOT_UNDERSTOOD))
+        self._ended = turned and not self._turned
         self._pole = dict.fromkeys(AXES)
         self._pole_line = None
         self.parameters.clear()
@@ -435,12 +452,19 @@ class Tnc:
         change = frame_change(text)
         return None if change is None else self.shifted() if change[0] == _DATUM else self.turned(*change)
 
-    def pass_through(self, numbers: Sequence[int], *, jumped: bool) -> None:
-        """Take for unknown what lines leave that run more than once, or with `jumped` perhaps not."""
-        turned = [text for text in map(self.texts.__getitem__, numbers) if re.search(r"\bG6[89]\b", text)]
-        on = any("G68" in text for text in (turned if jumped else turned[-1:]))
+    def framed(self) -> list[bool]:
+        """Return by line whether the frame is turned behind it."""
+        found, on = list[bool](), False
+        for text in self.texts:
+            on = "G68" in text or (on and "G69" not in text)
+            found.append(on)
+        return found
+
+    def pass_through(self, numbers: Sequence[int], *, turned: bool) -> None:
+        """Take for unknown what lines leave that run more than once, or perhaps not; the frame may be `turned` then."""
         for number in numbers:
-            self.texts[number] = joined("G68" if on and number == numbers[-1] else "", NOT_UNDERSTOOD)
+            kept = self.texts[number] == f"G68 {NOT_UNDERSTOOD}"
+            self.texts[number] = joined("G68" if kept or (turned and number == numbers[-1]) else "", NOT_UNDERSTOOD)
 
     def doubt_side(self, first: int, last: int) -> None:
         """Let the cutter be beside a contour in lines of which nobody knows whether it is."""

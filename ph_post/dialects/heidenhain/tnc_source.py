@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator, Mapping
 from decimal import Decimal
 from functools import cached_property
@@ -22,8 +22,8 @@ _ROOM: Final = 1000
 _FOREIGN: Final = re.compile(rf"(?![^\W\d])[^\x00-\x7f]|\d{{{_ROOM},}}")
 """Blanks, digits and signs that no control knows, all but letters of names; numbers longer than it has room for."""
 
-_NESTED: Final = 20
-"""Calls within calls that no control follows any more."""
+_MOST: Final = 300_000
+"""Lines of subprograms that are looked at; of a program with more nothing is known behind its calls."""
 
 REPEATED: Final = "repeated part"
 JUMPED: Final = "part that is jumped over or back to"
@@ -85,6 +85,11 @@ def _own(text: str) -> str:
     return _FOREIGN.sub(lambda found: "\ufffd" * len(found[0]), text)
 
 
+def _within(numbers: list[int], first: int, last: int) -> list[int]:
+    """Return which of some numbers, which rise, are from `first` to `last`."""
+    return numbers[bisect_left(numbers, first) : bisect_right(numbers, last)]
+
+
 class TncSource:
     """The lines of a program.
 
@@ -109,7 +114,6 @@ class TncSource:
         self._data, self._name, self._lines, self._language = data, name, lines_of(data, name), language
         whole = (text_of(data, self._lines, number) for number in range(self._lines.size - 1))
         self.texts = [language.plain(_own(line.upper().decode("utf-8", "replace"))) for line in whole]
-        self._calls_leave: dict[int, CallLeaves] = {}
         self._set_at = [language.label.search(text) for text in self.texts]
         self._labels = {found[1]: number for number, found in enumerate(self._set_at) if found}
         self._ends = [number for number, text in enumerate(self.texts) if language.ends.search(text)]
@@ -134,14 +138,20 @@ class TncSource:
 
     def program(self, tnc: Tnc, *, contours: bool = False) -> PartProgram:
         """Read the translation by `tnc`, which has followed all lines; pass repeats and jumps through."""
-        for first, last, what in list(self._stretches()):
-            own = {tnc.side_in(first - 1), *(one.side for one in self._in_force[first : last + 1])} - {None}
-            if what not in (REPEATED, _CALLED) and len(own) > 1:
+        framed = tnc.framed()
+        reach = {False: -1, True: -1}  # how far lines are passed through that run again, and that may not run
+        for first, last, what in sorted(dict.fromkeys(self._stretches()), key=lambda one: (one[0], -one[1])):
+            jumped = what not in (REPEATED, _CALLED)
+            if last <= max(reach[True], -1 if jumped else reach[False]):
+                continue
+            reach[jumped] = last
+            if jumped and len({tnc.side_in(line) for line in range(first - 1, last + 1)}) > 1:
                 behind = range(last + 1, len(self.texts))
                 until = next((line for line in behind if self._in_force[line].side is not None), len(self.texts))
                 tnc.doubt_side(last + 1, until - 1)
             own_lines = [line for line in range(first, last + 1) if text_of(self._data, self._lines, line).strip()]
-            tnc.pass_through(own_lines, jumped=what not in (REPEATED, _CALLED))
+            turned = any(framed[max(first - 1, 0) : last + 1]) if jumped else framed[last]
+            tnc.pass_through(own_lines, turned=turned)
             tnc.remarks |= dict.fromkeys(own_lines, Remark(what=what))
         texts = [text.encode() for text in tnc.with_modes()]
         found = self._language.rows()
@@ -172,40 +182,65 @@ class TncSource:
 
     def left_by(self, number: int) -> CallLeaves | None:
         """Return what a line leaves in force that calls a label; None where it calls none."""
-        called = self._called_by(number)
-        return None if called is None else self._left_by(*called, deep=0)
+        return self._of_call(number, self._calls_leave) if number in self._called else None
 
-    def _left_by(self, first: int, last: int, deep: int) -> CallLeaves:
-        """Return what lines leave in force, with what they call; where one jumps they end nothing."""
-        if first in self._calls_leave or deep == _NESTED:
-            return self._calls_leave.get(first, CallLeaves())
-        jumps = any(self._language.calls[JUMPED].search(text) for text in self.texts[first : last + 1])
+    def _of_call(self, number: int, known: Mapping[tuple[int, int], CallLeaves]) -> CallLeaves:
+        """Return what a call leaves in force; one with a slash may be skipped, and ends nothing."""
+        found = known[self._called[number]]
+        return found.without_ends() if self.texts[number].startswith("/") else found
+
+    @cached_property
+    def _calls_leave(self) -> dict[tuple[int, int], CallLeaves]:
+        """By first and last line what a call leaves in force, with what it calls itself."""
+        bodies = sorted(set(self._called.values()))
+        if sum(len(_within(self._telling, *body)) for body in bodies) > _MOST:
+            return dict.fromkeys(bodies, CallLeaves("G41", (("calls", True),)))
+        found = dict.fromkeys(bodies, CallLeaves())
+        # Behind what it calls farther on, then before: what calls in turn is known the second time.
+        for body in (*reversed(bodies), *bodies):
+            found[body] = self._left_by(*body, found)
+        return found
+
+    def _left_by(self, first: int, last: int, known: Mapping[tuple[int, int], CallLeaves]) -> CallLeaves:
+        """Return what lines leave in force; where one jumps they end nothing."""
+        jumps = bool(_within(self._jumps, first, last))
         side: str | None = None
         turns = dict[str, bool]()
-        for number in range(first, last + 1):
-            called = self._called_by(number)
-            own = self._in_force[number] if called is None else self._left_by(*called, deep=deep + 1)
+        for number in _within(self._telling, first, last):
+            own = self._of_call(number, known) if number in self._called else self._in_force[number]
             side = side if own.side is None or (jumps and own.side == "G40") else own.side
             turns |= {way: on for way, on in own.turns if on or not jumps}
-        found = self._calls_leave[first] = CallLeaves(side, tuple(turns.items()))
-        return found
+        return CallLeaves(side, tuple(turns.items()))
+
+    @cached_property
+    def _jumps(self) -> list[int]:
+        return [number for number, text in enumerate(self.texts) if self._language.calls[JUMPED].search(text)]
+
+    @cached_property
+    def _telling(self) -> list[int]:
+        """Lines that leave a side or a frame in force, and those that call."""
+        numbers = range(len(self.texts))
+        return [one for one in numbers if self._in_force[one].side or self._in_force[one].turns or one in self._called]
 
     @cached_property
     def _in_force(self) -> list[StaysInForce]:
         return [self._language.in_force(text) for text in self.texts]
 
-    def _called_by(self, number: int) -> tuple[int, int] | None:
-        """Return the first and the last line of what a line calls that comes back; None where it calls nothing."""
-        away = None if self._set_at[number] else self._language.called.search(self.texts[number])
-        begin = None if away is None else self._labels.get(away[1])
-        if begin is None:
-            return None
-        return begin, [*self._ends, len(self.texts) - 1][bisect_right(self._ends, begin)]
+    @cached_property
+    def _called(self) -> dict[int, tuple[int, int]]:
+        """By lines that call what comes back, its first and last line."""
+        found, ends = {}, [*self._ends, len(self.texts) - 1]
+        for number, text in enumerate(self.texts):
+            away = None if self._set_at[number] else self._language.called.search(text)
+            begin = None if away is None else self._labels.get(away[1])
+            if begin is not None:
+                found[number] = begin, ends[bisect_right(self._ends, begin)]
+        return found
 
     def _stretches(self) -> Iterator[tuple[int, int, str]]:
         """Find the lines that repeats run more than once, and jumps perhaps not, or more than once."""
         for number, text in enumerate(self.texts):
-            if (called := self._called_by(number)) is not None:
+            if (called := self._called.get(number)) is not None:
                 yield *called, _CALLED
             known = self._set_at[number] is not None or self._language.called.search(text) is not None
             for what, pattern in self._language.calls.items():
