@@ -208,7 +208,8 @@ controller has it is the one that changes no mode."""
 G_EFFECT, M_EFFECT = np.zeros(1000, np.int8), np.zeros(1000, np.int8)
 """Effects of G words, by ten times their number, and of M words; of the others (0) on the axes.
 
-Haas, Mill Operator's Manual (G-codes, M-codes): G09 exact stop is a setting; M10 and M11 clamp and
+FANUC B-64484EN: G62 overrides the feed in inner corners. Haas, Mill Operator's Manual
+(G-codes, M-codes): G09 exact stop is a setting; M10 and M11 clamp and
 release rotary axes, M31 and M33 run the chip conveyor, M34 and M35 turn the coolant nozzle, M41 to M44 are gears,
 M59 and M69 relays, M83 is the air gun, M88 and M89 coolant through the spindle; G65 calls a macro, M97 a subprogram
 of the same file. FANUC B-64484EN: G65 to G67, M198 and M96 call macros and subprograms, M29 readies the spindle for
@@ -217,7 +218,7 @@ M code reference": M47 begins the program anew. Temperatures, fans and messages 
 `src/gcode/gcode.cpp`: M104 to M109, M117, M140, M190) are on LinuxCNC a user's own programs, which its interpreter
 takes to move nothing ("User Defined Commands M100 to M199"), and on Grbl refused.
 """
-G_EFFECT[90] = STAYS
+G_EFFECT[[90, 620]] = STAYS
 G_EFFECT[[650, 660, 661, 670]] = CALLS
 M_EFFECT[
     [10, 11, 29, 31, 33, 34, 35, 41, 42, 43, 44, 59, 69, 83, 88, 89, 104, 105, 106, 107, 108, 109, 117, 140, 190]

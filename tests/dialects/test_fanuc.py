@@ -591,3 +591,29 @@ def test_a_subprogram_begins_on_whichever_side_the_cutter_is() -> None:
     assert not read_fanuc(f"O2000\n{body}M99\n{main}".encode(), "a.nc").motions.block.size
     assert read_fanuc(f"O2000\nG40\n{body}M99\n{main}".encode(), "a.nc").motions.block.size == 3
     assert read_fanuc(f"O2000\n{body}M99\n{main.replace('G41', 'G49')}".encode(), "a.nc").motions.block.size >= 3
+
+
+SAFE = "G90 G21 G17 G94 G40 G49 G69 G80 G54\nG0 X0. Y0.\nG1 X10. F100.\nX20.\n"
+
+
+@pytest.mark.parametrize(
+    ("begins", "ends"),
+    [
+        ("IF[#1EQ1]GOTO10\nG51.1 X0.\nN10 G0 Z5.\n", "G50.1 X0.\n"),
+        ("WHILE[#1LT3]DO1\nG101 X0.\nEND1\n", "G100 X0.\n"),
+        ("IF[#1EQ1]GOTO10\nG16\nN10 G0 Z5.\n", "G15\n"),
+        ("G268 X0. Y0. Z0. I0. J45. K0.\n", "G269\n"),
+        ("G12.1\n", "G13.1\n"),
+        ("G07.1 C50.\n", "G07.1 C0\n"),
+    ],
+)
+def test_a_frame_lasts_to_the_word_that_ends_it(begins: str, ends: str) -> None:
+    """Neither a loop nor a jump over its begin hides it, nor does the G69 of a safe line end it."""
+    for body, known in ((begins + SAFE, 0), (begins + ends + SAFE, 3)):
+        first = (HEAD_AND_CUTS[0] + body).count("\n") - 3
+        assert (read_fanuc(f"{HEAD_AND_CUTS[0]}{body}M30\n".encode(), "a.nc").motions.block >= first).sum() == known
+
+
+@pytest.mark.parametrize("word", ["G103 P1", "G187 P1", "G187 P3 E0.05", "G62"])
+def test_settings_of_the_look_ahead_leave_the_motion(word: str) -> None:
+    assert read(f"G1 X5. F100.\n{word}\nX20.\n").motions.block[-1] == HEAD.count("\n") + 2

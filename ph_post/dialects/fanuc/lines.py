@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from bisect import bisect_right
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, Literal
 
 import msgspec
 import numpy as np
@@ -27,9 +28,8 @@ _CYLINDERS: Final = (7.1, 107.0)
 """They begin with a radius, and end with C0 (B-64484EN, "Cylindrical interpolation")."""
 
 _MODES: Final[Mapping[float, tuple[bytes, str]]] = {
-    **dict.fromkeys(_CYLINDERS, (b"G68", "cylindrical interpolation")),
-    12.1: (b"G68", "polar interpolation"),
-    13.1: (b"G69", ""),
+    **dict.fromkeys(_CYLINDERS, (b"G12.1", "cylindrical interpolation")),
+    12.1: (b"G12.1", "polar interpolation"),
     **dict.fromkeys((68.2, 68.3, 68.4), (b"G68", "tilted plane")),
     **dict.fromkeys((2.1, 3.1), (b"G33", "thread on a circle")),
     **dict.fromkeys((2.2, 3.2), (b"G33", "involute")),
@@ -48,15 +48,16 @@ G92.1 (on lathes G50.3 too) brings the named axes' coordinates back to what they
 _FRAMES: Final[Mapping[float, tuple[float, bytes, bytes, str]]] = {
     51.1: (50.1, b"G51.1", b"G50.1", ""),
     101.0: (100.0, b"G51.1", b"G50.1", "mirror image"),
-    112.0: (113.0, b"G68", b"G69", "polar interpolation"),
+    112.0: (113.0, b"G12.1", b"G13.1", "polar interpolation"),
     254.0: (255.0, b"G7", b"G8", "dynamic work offset"),
-    268.0: (269.0, b"G68", b"G69", "tilted plane"),
+    268.0: (269.0, b"G12.1", b"G13.1", "tilted plane"),
 }
 """By the word with which a frame begins the one that ends it, both in words of RS274's reader, and a name.
 
 Ends are others' words where nothing has begun: G100 changes the tool on Brother's. G101, G254 and G268 are Haas's (Mill
 Operator's Manual, "G-codes"), and G112 is that of lathes (B-64484EN-1, "Polar coordinate interpolation"; on Haas's
-mills it is a work offset). G7 stands for a frame within which others begin and end; of Fanuc's words it is none.
+mills it is a work offset). G7 and G12.1 stand for frames within which others begin and end, as G69 stands in the safe
+lines of many programs; of Fanuc's words G7 is none.
 """
 _MIRRORS: Final = frozenset((50.1, 100.0))
 
@@ -75,8 +76,8 @@ _TURNED: Final[Mapping[float, tuple[bytes, str]]] = {
 }
 """In the words of RS274's reader, and a name of what is not understood."""
 
-_QUIET: Final = frozenset((5.0, 5.1, 8.0, 22.0, 23.0, 25.0, 26.0))
-"""Look-ahead, contour control, limit checks: they move nothing."""
+_QUIET: Final = frozenset((5.0, 5.1, 8.0, 22.0, 23.0, 25.0, 26.0, 103.0, 187.0))
+"""Look-ahead, contour control, limit checks, on Haas's smoothness (G187): they move nothing."""
 _ARCS: Final = frozenset((2.0, 3.0))
 _OTHER_PLACES: Final = frozenset((4.0, 10.0, 28.0, 30.0, 50.0, 53.0, 65.0, 92.0, 92.1))
 """G words beside which axis words are no places, or those of the machine."""
@@ -109,6 +110,34 @@ def words_of(bare: bytes) -> list[tuple[bytes, bytes, int, int]]:
     [(b'G', b'1', 0, 2), (b'X', b'-5.', 3, 8)]
     """
     return [(found[1], found[2].translate(None, b" \t"), *found.span()) for found in _WORD.finditer(bare)]
+
+
+_OPENING: Final = re.compile(
+    rb"G[ \t]*0*(7\.1|107|12\.1|16|51(?:\.1)?|68(?:\.[234])?|43\.[45]|101|112|234|254|268)(?![\d.])"
+)
+"""Words with which a frame begins that is not the machine's."""
+
+
+def frames_begun(bare: bytes, frames: dict[float, set[bytes]]) -> bytes:
+    """Return the words, of RS274's reader, of frames that a line begins which is passed through; none ends there.
+
+    `frames` are added to, as of :meth:`Editor.translate`.
+
+    Examples
+    --------
+    >>> frames_begun(b"IF[#1EQ1] G68 X0 Y0 R45.", {}), frames_begun(b"G1 X5.", {})
+    (b'G68 ', b'')
+    """
+    found = b""
+    for code in map(float, _OPENING.findall(bare)):
+        word = b"G%g" % code
+        if code in _FRAMES:
+            closing, word, _, _ = _FRAMES[code]
+            frames.setdefault(closing, set())
+        elif code in _MODES:
+            word, _ = _MODES[code]
+        found += word + b" "
+    return found
 
 
 class Editor:
@@ -236,7 +265,7 @@ class Editor:
             elif code in _MODES:
                 word, name = _MODES[code]
                 ends = code in _CYLINDERS and self._has(b"C", 0.0)
-                self._put(start, end, b"G69" if ends else word)
+                self._put(start, end, b"G13.1" if ends else word)
                 if name and not ends:
                     self._note(name, start, end)
 
@@ -293,7 +322,7 @@ class Editor:
 
     def _quiet(self, code: float, start: int, end: int) -> None:
         self._put(start, end)
-        letters = b"PQR" if code == 5.0 else b"PQRXYZABC" if code == 5.1 else b"PXYZIJK"
+        letters = b"PE" if code > 100.0 else b"PQR" if code == 5.0 else b"PQRXYZABC" if code == 5.1 else b"PXYZIJK"
         for letter, _, first, last in self._words:
             if letter in letters:
                 self._put(first, last)
@@ -396,6 +425,8 @@ def _target(label: bytes, bare: bytes) -> int | None:
 class Corner(msgspec.Struct, frozen=True, kw_only=True):
     """A line whose end is rounded, chamfered or given by an angle, and the lines of the move behind it.
 
+    These are the next that moves in any case, and those before it that may be skipped, if no corner before has them.
+
     `word` is the text of what says so without a comma, and `column` its place, from 1.
     """
 
@@ -447,10 +478,18 @@ def corners_of(bare: bytes, lines: PlaceArray, *, lathe: bool, by_words: bool) -
     found = dict.fromkeys((np.searchsorted(lines, places, "right") - 1).tolist(), ("", 1))
     if lathe:
         found = _plain_corners(bare, lines, by_words=by_words) | found
-    return [
-        Corner(line=line, behind=_behind(line, bare, lines), word=word, column=column)
-        for line, (word, column) in sorted(found.items())
-    ]
+    if not found:
+        return []
+    moves, taken, corners = _moves_of(bare, lines), set[int](), list[Corner]()
+    for line, (word, column) in sorted(found.items()):
+        behind, at = list[int](), bisect_right(moves, line, key=lambda move: move[0])
+        while at < len(moves) and moves[at][0] not in taken:
+            number, what = moves[at]
+            behind += [number] * (what != "end")
+            taken |= {number} if what == "skipped" else set()
+            at = at + 1 if what == "skipped" else len(moves)
+        corners.append(Corner(line=line, behind=behind, word=word, column=column))
+    return corners
 
 
 def _plain_corners(bare: bytes, lines: PlaceArray, *, by_words: bool) -> dict[int, tuple[str, int]]:
@@ -476,15 +515,13 @@ def _plain_corners(bare: bytes, lines: PlaceArray, *, by_words: bool) -> dict[in
     return found
 
 
-def _behind(line: int, bare: bytes, lines: PlaceArray) -> list[int]:
-    """Find the line of the next move, with those before it that move or not, by a switch."""
-    found: list[int] = []
-    for number in range(line + 1, lines.size - 1):
+def _moves_of(bare: bytes, lines: PlaceArray) -> list[tuple[int, Literal["moves", "skipped", "end"]]]:
+    """Return the lines that move, in any case or as a switch says, and those that end a program."""
+    found: list[tuple[int, Literal["moves", "skipped", "end"]]] = []
+    for number in range(lines.size - 1):
         text = bare[lines[number] : lines[number + 1]]
         if _MOVES.search(text) and not _STILL.search(text):
-            found.append(number)
-            if not text.lstrip().startswith(b"/"):
-                break
+            found.append((number, "skipped" if text.lstrip().startswith(b"/") else "moves"))
         elif PROGRAM_END.search(text):
-            break
+            found.append((number, "end"))
     return found

@@ -25,6 +25,7 @@ from ph_post.dialects.fanuc.lines import (
     Editor,
     PassedLines,
     corners_of,
+    frames_begun,
     jumps_and_loops,
     unmeasured,
     words_of,
@@ -202,7 +203,7 @@ def with_nurbs(program: PartProgram, nurbs: Sequence[NurbsBlocks]) -> PartProgra
 
 
 _ODD: Final = re.compile(
-    rb"G0*[45789](?!\d)|G\d+\.\d|G10[017]?(?!\d)|G11[23](?!\d)|G2(?:34|5[45]|6[89])(?!\d)|G2[2356](?!\d)"
+    rb"G0*[45789](?!\d)|G\d+\.\d|G1(?:0[0137]?|87)(?!\d)|G11[23](?!\d)|G2(?:34|5[45]|6[89])(?!\d)|G2[2356](?!\d)"
     rb"|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<"
     rb"|M0*99[ \t]*P|#[^\n\r]*/|[\d. \t]/|G9[01](?!\d)[^\n\r]*G9[01](?!\d)|T[ \t]*\d[^\n\r]*T[ \t]*\d|" + MACRO,
     re.MULTILINE,
@@ -385,12 +386,12 @@ def _translated(
     remarks: dict[int, Remark] = {}
     dwells: dict[int, int] = {}
     curved: list[int] = []
+    frames: dict[float, set[bytes]] = {}
     for stretch in jumps_and_loops(bares, bare, lines):
-        _pass(stretch, texts, remarks)
+        _pass(stretch, texts, remarks, bare, lines, frames)
     if lathe:
         _pass_shapes(bare, texts, remarks)
     cut = _give_up_corners(bare, lines, texts, remarks, lathe=lathe, by_words=by_words)
-    frames: dict[float, set[bytes]] = {}
     for number in sorted(bares):
         if number in remarks:
             continue
@@ -402,7 +403,7 @@ def _translated(
         if editor.dwell is not None:
             dwells[number] = editor.dwell
         if editor.calls:
-            _pass(_modal_call(number, bare, lines), texts, remarks)
+            _pass(_modal_call(number, bare, lines), texts, remarks, bare, lines, frames)
         if editor.begins_nurbs:
             curved.append(number)
     remarks = cut | remarks
@@ -514,11 +515,19 @@ def _say_increments(program: PartProgram, texts: Sequence[bytes], decimals: int)
     return _with_note(program, Note(first=block, last=block, column=column, what=what, why=QUIET))
 
 
-def _pass(stretch: PassedLines, texts: list[bytes], remarks: dict[int, Remark]) -> None:
-    """Pass a stretch of lines through as it is."""
+def _pass(
+    stretch: PassedLines,
+    texts: list[bytes],
+    remarks: dict[int, Remark],
+    bare: bytes,
+    lines: PlaceArray,
+    frames: dict[float, set[bytes]],
+) -> None:
+    """Pass a stretch of lines through as it is; a frame that may begin in it is not the machine's behind it."""
     for number in range(stretch.first, stretch.last + 1):
         if texts[number].strip():
-            texts[number] = NOT_UNDERSTOOD.encode().ljust(len(texts[number]))
+            begun = frames_begun(bare[lines[number] : lines[number + 1]], frames)
+            texts[number] = (begun + NOT_UNDERSTOOD.encode()).ljust(len(texts[number]))
             remarks[number] = Remark(what=stretch.what)
 
 
