@@ -312,7 +312,7 @@ class KlartextRunner:
             if self._inch:
                 raise NotExpandableError("the program is in inches")
             if self._per_turn:
-                raise NotExpandableError("F is a turn of the spindle (M136)")
+                raise NotExpandableError("F is for a turn of the spindle (M136)")
             if _AT_THE_END.search(block.words):
                 raise NotExpandableError("an M function at the end of the block that calls it")
             for key, value in self._cycle.values.items():

@@ -174,7 +174,7 @@ def test_cycles_move_as_the_player_has_them(name: str) -> None:
         (("FMAX M99", "FMAX M99 M5"), "at the end of the block"),
         (("FMAX M99", "FMAX M89"), "M89"),
         ((" MM\n", " INCH\n"), "inches"),
-        (("3 CYCL DEF", "3 L F0.1 M136\n4 CYCL DEF"), "a turn of the spindle"),
+        (("3 CYCL DEF", "3 L F0.1 M136\n4 CYCL DEF"), "for a turn of the spindle"),
     ],
 )
 def test_calls_that_stay_are_named(change: tuple[str, str], why: str) -> None:

@@ -627,7 +627,7 @@ def frame_of(word: Word) -> tuple[str, str] | None:
 
     Examples
     --------
-    >>> [frame_of(word) for word in read_words("ROT RPL=5 $P_UIFR[1]=CTRANS(X,5) $P_PFRAME=CROT(Z,5) CYCLE800()")]
+    >>> [frame_of(word) for word in read_words("ROT RPL=5 $P_UIFR[1,Z,RT]=0 $P_PFRAME=CROT(Z,5) CYCLE800()")]
     [('ROT', 'G68'), None, None, ('$P_PFRAME', 'G68'), None]
     """
     name, text = g_word(word) or word.name.partition("[")[0], re.sub(r"\s", "", word.text.upper())

@@ -90,7 +90,7 @@ zero offset and rotation").
 FRAME_VARIABLE: Final = re.compile(r"\$P_\w*FR(?:AME|MASK)?")
 """Frames as variables, without an index: $P_PFRAME is the program's own, $P_UIFR are settable ones (Programming Manual,
 Job Planning, 07/2010, 6FC5398-2BP40-2BA0, "Coordinate transformation via frame variables")."""
-MOVED_ONLY: Final = re.compile(r",(?:TR|FI)\]=|=(?:CTRANS|CFINE)\([^()]*\)$")
+MOVED_ONLY: Final = re.compile(r",(?:TR|FI)\]=|,(?:RT|MI)\]=0+\.?0*$|,SC\]=1\.?0*$|=(?:CTRANS|CFINE)\([^()]*\)$")
 """Settings of such a variable that turn, scale and mirror nothing."""
 
 PROGRAMMABLE: Final = frozenset(
