@@ -89,12 +89,12 @@ def has_feeds_per_turn(bare: bytes) -> bool:
     return bool(feeds) and max(feeds) <= SLOWEST
 
 
-def _shape_of(line: bytes) -> tuple[int, int] | None:
-    """Return the sequence numbers of the shape that a line's cycle takes, None where it is no such cycle."""
+def _shape_of(line: bytes) -> tuple[bytes, bytes] | None:
+    """Return the digits, without zeros ahead, of a shape's sequence numbers; None of a line that is no such cycle."""
     if _OTHERS.search(line):
         return None
     first, last = (pattern.search(line) for pattern in (_SHAPE["P"], _SHAPE["Q"]))
-    return None if first is None or last is None else (int(first[1]), int(last[1]))
+    return None if first is None or last is None else (first[1].lstrip(b"0"), last[1].lstrip(b"0"))
 
 
 def has_increments_by_words(bare: bytes) -> bool:
@@ -131,11 +131,11 @@ def shapes_of(bare: bytes) -> list[tuple[int, int]]:
     asked = {shape for found in _CYCLE.finditer(bare) if (shape := _shape_of(found[0])) is not None}
     if not asked:
         return []
-    labels: dict[int, list[int]] = {}
+    labels: dict[bytes, list[int]] = {}
     for number, line in enumerate(_LINE.split(bare)):
         label = _LABEL.match(line)
         if label is not None:
-            labels.setdefault(int(label[1]), []).append(number)
+            labels.setdefault(label[1].lstrip(b"0"), []).append(number)
     found = set()
     for first, last in asked:
         for begin in labels.get(first, []):

@@ -617,3 +617,13 @@ def test_a_frame_lasts_to_the_word_that_ends_it(begins: str, ends: str) -> None:
 @pytest.mark.parametrize("word", ["G103 P1", "G187 P1", "G187 P3 E0.05", "G62"])
 def test_settings_of_the_look_ahead_leave_the_motion(word: str) -> None:
     assert read(f"G1 X5. F100.\n{word}\nX20.\n").motions.block[-1] == HEAD.count("\n") + 2
+
+
+def test_the_digits_of_a_sequence_number_have_no_limit() -> None:
+    """Python reads no number of 5,000 digits."""
+    shape = "N0{0} G0 X10.\nG1 Z-5.\nN2 X20.\n"
+    for number in ("1", "9" * 5000):
+        program = read_fanuc(
+            f"G71 U1. R.5\nG71 P{number} Q2 U.4 W.1 F.2\n{shape.format(number)}".encode(), "a.nc", lathe=True
+        )
+        assert any(note.what == "shape of a turning cycle" and note.first == 2 for note in program.notes)
