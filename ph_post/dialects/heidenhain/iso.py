@@ -15,7 +15,6 @@ from typing import Final
 
 from ph_post.dialects.heidenhain.iso_table import ISO_WORD, PLAIN, IsoRows
 from ph_post.dialects.heidenhain.tnc import (
-    CallLeaves,
     NotFollowed,
     Places,
     StaysInForce,
@@ -62,18 +61,17 @@ def in_force(line: str) -> StaysInForce:
     >>> in_force("N10 G01 G41 X+5 YQ1 F300")[:2], in_force("/N20 G40 X+1")[:2]
     (('300', 'G41'), ('', None))
     """
-    skipped, text = line.startswith("/"), re.sub(r"^/?\s*(?:N\s*\d+\s*)?", "", line)
-    block = _Block(OWN_FEED.sub(" ", text))
+    if line.startswith("/"):
+        return in_force(line.lstrip("/ ")).if_skipped()
+    text = re.sub(r"^N\s*\d+\s*", "", line)
     if frame_change(text) is not None:
-        return StaysInForce(turns=tuple(turn for turn in frame_turns(text) if turn[1] or not skipped))
+        return StaysInForce(turns=frame_turns(text))
+    block = _Block(OWN_FEED.sub(" ", text))
     codes = set(block.codes)
     feed = "" if codes & (_CORNERS | {4}) or block.value("F") in (None, "MAX") else block.value("F") or ""
     side = next((f"G{code}" for code in reversed(block.codes) if code in _SIDES), None)
     pole = any(letter in _CENTRES for letter, _ in block.words)
     turns = (*((f"G{code}", _turns_by(code, block)) for code in sorted(codes & _TURNS)), *tips_in(block.functions))
-    if skipped:
-        on = tuple((way, on) for way, on in turns if on)
-        return StaysInForce("AUTO" if feed else "", None if side == "G40" else side, pole, on)
     return StaysInForce(feed, side, pole, turns)
 
 
@@ -175,7 +173,7 @@ class _IsoFollower:
         self._incremental: bool | None = False
         self._lost = False
 
-    def line(self, source: str, left: CallLeaves | None, *, begins: bool) -> None:
+    def line(self, source: str, left: StaysInForce | None, *, begins: bool) -> None:
         """Follow one line; `left` as of :meth:`TncSource.left_by`."""
         bare = re.sub(r"^N\s*\d+\s*", "", source)
         if _CALL.search(source) and "G98" not in source:

@@ -19,7 +19,6 @@ from ph_post.dialects.heidenhain.table import KlartextRows
 from ph_post.dialects.heidenhain.tnc import (
     FUNCTION,
     NUMBER,
-    CallLeaves,
     NotFollowed,
     Places,
     StaysInForce,
@@ -72,19 +71,23 @@ def in_force(line: str) -> StaysInForce:
     >>> in_force("APPR LT X+5 Y+5 LEN10 RL F300")[:2], in_force("DEP LT LEN10 F1000")[:2], in_force("RND R5 F100")[:2]
     (('300', 'G41'), ('1000', 'G40'), ('', None))
     """
-    skipped, text = line.startswith("/"), re.sub(r"\"[^\"]*\"", " ", line.lstrip("/ "))
-    path, tool, turns = _PATH.match(text), _TOOL.match(text), _turns(text)
-    if skipped:
-        turns = tuple((way, on) for way, on in turns if on)
-        turns += (("TOOL CALL", True),) if tool and tool[2] not in (None, "Z") else ()
-    if path is None and tool is None:
+    text = re.sub(r"\"[^\"]*\"", " ", line.lstrip("/ "))
+    if line.startswith("/"):
+        found, tool = in_force(text).if_skipped(), _TOOL.match(text)
+        other = tool is not None and tool[2] not in (None, "Z")
+        return found._replace(turns=(*found.turns, ("TOOL CALL", True))) if other else found
+    path, turns = _PATH.match(text), _turns(text)
+    if path is None and _TOOL.match(text) is None:
         return StaysInForce(pole=re.match(r"CC(?![A-Z])", text) is not None, turns=turns)
-    feeds = [found[1] for found in _FEED.finditer(OWN_FEED.sub(" ", text)) if found[1] not in (None, "MAX")]
     bare = FUNCTION.sub(" ", _FEED.sub(" ", text))
     sides = [_SIDES[side] for side in SIDE.findall(bare) if path] or ["G40"] * text.startswith("DEP")
-    if skipped:
-        return StaysInForce("AUTO" if feeds else "", next((side for side in sides if side != "G40"), None), turns=turns)
-    return StaysInForce(feeds[-1] if feeds else "", sides[-1] if sides else None, turns=turns)
+    return StaysInForce(_last_feed(OWN_FEED.sub(" ", text)), sides[-1] if sides else None, turns=turns)
+
+
+def _last_feed(text: str) -> str:
+    """Return the last feed of a text that is no rapid traverse, empty where it has none."""
+    feeds = [found[1] for found in _FEED.finditer(text) if found[1] not in (None, "MAX")]
+    return feeds[-1] if feeds else ""
 
 
 def _turns(text: str) -> Turns:
@@ -178,7 +181,7 @@ class _KlartextFollower:
         self._remark = ""
         self._values = self._program = False
 
-    def line(self, source: str, left: CallLeaves | None) -> None:
+    def line(self, source: str, left: StaysInForce | None) -> None:
         """Follow one line; `left` as of :meth:`TncSource.left_by`."""
         programs = _PROGRAMS.match(source) or (self._program and _CYCLE_CALL.search(source))
         if programs or _FLOW.match(source):
@@ -357,6 +360,5 @@ class _KlartextFollower:
 
     def _tool(self, number: str | None, axis: str | None, rest: str) -> str:
         speed = re.search(rf"S\s*({NUMBER})", rest)
-        feed = next((found[1] for found in _FEED.finditer(rest) if found[1] not in (None, "MAX")), "")
         turns = f"S{number_of(speed[1])}" if speed else ""
-        return self.tnc.tool(axis, number, joined(turns, self.tnc.feed_word(feed)))
+        return self.tnc.tool(axis, number, joined(turns, self.tnc.feed_word(_last_feed(rest))))

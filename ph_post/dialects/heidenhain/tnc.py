@@ -124,7 +124,7 @@ Places = dict[str, tuple[bool, Decimal | None]]
 
 
 class StaysInForce(NamedTuple):
-    """What a block leaves in force, whatever else is in it.
+    """What a block leaves in force, whatever else is in it, or a call.
 
     Its feed as it stands there, empty for none; the word of the side on which the cutter is (G40, G41 or G42), None
     where it says none; whether it names a circle's centre; and the ways in which it turns the frame, or ends that.
@@ -134,6 +134,11 @@ class StaysInForce(NamedTuple):
     side: str | None = None
     pole: bool = False
     turns: Turns = ()
+
+    def if_skipped(self) -> StaysInForce:
+        """Return what it leaves in force where it may not run: an unknown feed, and an end of neither side nor turn."""
+        feed, side = "AUTO" if self.feed else "", None if self.side == "G40" else self.side
+        return StaysInForce(feed, side, self.pole, tuple((way, on) for way, on in self.turns if on))
 
 
 def tips_in(functions: Iterable[int]) -> Turns:
@@ -146,17 +151,6 @@ def tips_in(functions: Iterable[int]) -> Turns:
     """
     own = {number: (f"M{begins}", number == begins) for begins, ends in _TIPS.items() for number in (begins, ends)}
     return tuple(own[number] for number in functions if number in own)
-
-
-class CallLeaves(NamedTuple):
-    """What a call leaves in force: the side, None where it is as it was, and how it turns the frame, or ends that."""
-
-    side: str | None = None
-    turns: Turns = ()
-
-    def without_ends(self) -> CallLeaves:
-        """Return what it leaves where it may not run: it ends neither a side nor a turn."""
-        return CallLeaves(None if self.side == "G40" else self.side, tuple(turn for turn in self.turns if turn[1]))
 
 
 class NotFollowed(Exception):  # noqa: N818 - nothing is wrong with the program
@@ -297,7 +291,7 @@ class Tnc:
         self._states.append(f"{self._units} G90 {plane} G90.1 {self._feeds} {self.side}")
         self.texts.append(text)
 
-    def lose(self, what: str, text: str, left: CallLeaves | None = None) -> None:
+    def lose(self, what: str, text: str, left: StaysInForce | None = None) -> None:
         """Write a line after which nothing is known: a call, a jump; `left` is what it leaves in force of the rest."""
         turned = bool(self._turned)
         if left is not None:

@@ -12,7 +12,7 @@ from typing import Final, Protocol
 import msgspec
 from msgspec.structs import replace
 
-from ph_post.dialects.heidenhain.tnc import CallLeaves, StaysInForce, Tnc
+from ph_post.dialects.heidenhain.tnc import StaysInForce, Tnc
 from ph_post.dialects.reading import XYZ_ONLY, Remark, line_error, read_translated, text_of
 from ph_post.errors import InputError, printable
 from ph_post.gcode.program import PartProgram, WordTable
@@ -180,28 +180,28 @@ class TncSource:
             },
         )
 
-    def left_by(self, number: int) -> CallLeaves | None:
+    def left_by(self, number: int) -> StaysInForce | None:
         """Return what a line leaves in force that calls a label; None where it calls none."""
         return self._of_call(number, self._calls_leave) if number in self._called else None
 
-    def _of_call(self, number: int, known: Mapping[tuple[int, int], CallLeaves]) -> CallLeaves:
+    def _of_call(self, number: int, known: Mapping[tuple[int, int], StaysInForce]) -> StaysInForce:
         """Return what a call leaves in force; one with a slash may be skipped, and ends nothing."""
         found = known[self._called[number]]
-        return found.without_ends() if self.texts[number].startswith("/") else found
+        return found.if_skipped() if self.texts[number].startswith("/") else found
 
     @cached_property
-    def _calls_leave(self) -> dict[tuple[int, int], CallLeaves]:
+    def _calls_leave(self) -> dict[tuple[int, int], StaysInForce]:
         """By first and last line what a call leaves in force, with what it calls itself."""
         bodies = sorted(set(self._called.values()))
         if sum(len(_within(self._telling, *body)) for body in bodies) > _MOST:
-            return dict.fromkeys(bodies, CallLeaves("G41", (("calls", True),)))
-        found = dict.fromkeys(bodies, CallLeaves())
+            return dict.fromkeys(bodies, StaysInForce(side="G41", turns=(("calls", True),)))
+        found = dict.fromkeys(bodies, StaysInForce())
         # Behind what it calls farther on, then before: what calls in turn is known the second time.
         for body in (*reversed(bodies), *bodies):
             found[body] = self._left_by(*body, found)
         return found
 
-    def _left_by(self, first: int, last: int, known: Mapping[tuple[int, int], CallLeaves]) -> CallLeaves:
+    def _left_by(self, first: int, last: int, known: Mapping[tuple[int, int], StaysInForce]) -> StaysInForce:
         """Return what lines leave in force; where one jumps they end nothing."""
         jumps = bool(_within(self._jumps, first, last))
         side: str | None = None
@@ -210,7 +210,7 @@ class TncSource:
             own = self._of_call(number, known) if number in self._called else self._in_force[number]
             side = side if own.side is None or (jumps and own.side == "G40") else own.side
             turns |= {way: on for way, on in own.turns if on or not jumps}
-        return CallLeaves(side, tuple(turns.items()))
+        return StaysInForce(side=side, turns=tuple(turns.items()))
 
     @cached_property
     def _jumps(self) -> list[int]:
@@ -242,7 +242,7 @@ class TncSource:
         for number, text in enumerate(self.texts):
             if (called := self._called.get(number)) is not None:
                 yield *called, _CALLED
-            known = self._set_at[number] is not None or self._language.called.search(text) is not None
+            known = self._set_at[number] is not None
             for what, pattern in self._language.calls.items():
                 call = None if self._set_at[number] else pattern.search(text)
                 if call is None:
@@ -256,7 +256,7 @@ class TncSource:
                     yield number, len(self.texts) - 1, f"label that is not known: {call[1]}"
                 else:
                     yield min(place, number), max(place, number), what
-            if not known and self._language.computed.search(text):
+            if not known and self._language.computed.search(text) and not self._language.called.search(text):
                 yield 0, len(self.texts) - 1, f"label that is computed: {text}"
 
     def _refused(self, number: int, what: str, expected: str, got: str) -> InputError:
