@@ -35,7 +35,7 @@ _QUIET: Final = re.compile(r"[NTDSHM]\d*|ACC\[.*\]")
 _CENTERS: Final = tuple(CENTERS.values())
 _TOOL_CHANGE: Final = 6
 _SPEEDS: Final = frozenset("ST")
-_FEEDS: Final = frozenset(("F", "FZ"))
+_UNKNOWN_FEEDS: Final = frozenset(("F", "FZ"))
 """Feeds that a line leaves in force although nobody knows their number: computed, or for a tooth."""
 
 _TANGENTIAL: Final = "CT"
@@ -384,7 +384,7 @@ class _Line:
             if frame is not None:
                 self.modes.frames.add(frame[0])
                 self.parts.append(frame[1])
-            if word.name in _FEEDS and not self.dwell:
+            if word.name in _UNKNOWN_FEEDS and not self.dwell:
                 self.parts.append("F#1")
                 # Under G93 each block needs its own F, and under FLIN the next one begins with this feed.
                 modal = self.modes.linear is not False or "G93" in {self.modes.feeds, *map(g_word, self.words)}
