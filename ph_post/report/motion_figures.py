@@ -212,7 +212,7 @@ def draw_picture(picture: Picture) -> Figure:
     return figure
 
 
-TITLE: Final = 140
+TITLE: Final = 110
 """Longest line over a picture."""
 
 
