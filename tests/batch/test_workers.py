@@ -149,7 +149,7 @@ def test_a_scheduler_and_two_workers_of_which_one_is_killed(start_batch, tmp_pat
 
 @pytest.mark.slow
 def test_ctrl_c_stops_at_once_and_a_second_run_goes_on(start_batch, tmp_path):
-    folder, out = fill(tmp_path / "in", 12, bad=0), tmp_path / "out"
+    folder, out = fill(tmp_path / "in", 60, bad=0), tmp_path / "out"
     run = start_batch(folder, out, "--workers", "1")
     wait_for(lambda: (out / "report.csv").exists() and len(rows_of(out)) >= 2)  # a row follows its program
     os.killpg(run.pid, signal.SIGINT)
@@ -158,18 +158,18 @@ def test_ctrl_c_stops_at_once_and_a_second_run_goes_on(start_batch, tmp_path):
     assert "Traceback" not in said, said
     assert said.splitlines()[-1] == "ph-post: interrupted; nothing more was written"
     done = rows_of(out)
-    assert 2 <= len(done) < 12
+    assert 2 <= len(done) < 60
     times = {name: (out / name).stat().st_mtime_ns for name in done}
     run = start_batch(folder, out, "--workers", "1")
     said = run.communicate(timeout=PATIENCE)[1]
-    assert f"12 results: 12 compensated; {len(done)} of an earlier run" in said
+    assert f"60 results: 60 compensated; {len(done)} of an earlier run" in said
     assert {name: (out / name).stat().st_mtime_ns for name in done} == times
-    assert len(rows_of(out)) == 12
+    assert len(rows_of(out)) == 60
 
 
 @pytest.mark.slow
 def test_a_scheduler_that_goes_away_is_one_line(start_batch, tmp_path):
-    folder, out = fill(tmp_path / "in", 12, bad=0), tmp_path / "out"
+    folder, out = fill(tmp_path / "in", 60, bad=0), tmp_path / "out"
     with Cluster(tmp_path, 1) as cluster:
         run = start_batch(folder, out, "--scheduler", cluster.address)
         wait_for(lambda: len(list(out.glob("*.ngc"))) >= 1)
@@ -240,11 +240,11 @@ def test_a_batch_ends_where_no_worker_is_left(monkeypatch):
     said = []
     with open_workers(1) as workers:
         workers.wait(said.append)
-        results = workers.run(eval, [(0, "1"), (1, "2")], said.append)
-        assert next(results) == (0, 1)
+        assert list(workers.run(eval, [(0, "1")], said.append)) == [(0, 1)]
         workers._client.cluster.scale(0)
+        wait_for(lambda: not workers._client.ncores())  # which may take its time, in which it works on
         with pytest.raises(WorkersError, match="this computer has lost its workers; the same command goes on"):
-            list(workers.run(eval, [(2, "3")], said.append))
+            list(workers.run(eval, [(1, "2")], said.append))
     assert "waiting for a worker of this computer" in said
 
 
