@@ -20,7 +20,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from support.amount import ALL, EVERY, examples
+from support.amount import ALL, EVERY, examples, is_drawn
 
 # More than a hundred processes start in a run: what one of them has compiled is kept for the next.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -154,6 +154,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.slow)
         if item.get_closest_marker("slow") and not (named or os.environ.get(ALL)):
             item.add_marker(pytest.mark.skip(reason=f"slow: runs with {ALL}=1, or where its file is named"))
+        drawn = item.get_closest_marker("drawn")
+        if drawn and item.get_closest_marker("slow") and not (thinned or named or os.environ.get(ALL) == EVERY):
+            (of,) = drawn.args
+            if not is_drawn(item.nodeid, of):
+                item.add_marker(pytest.mark.skip(reason=f"one in {of} is drawn: all with {ALL}={EVERY}"))
     if not named:
         items.sort(key=lambda item: BEGINNING.get(item.path, len(LONG)))
 

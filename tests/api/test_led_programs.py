@@ -263,6 +263,7 @@ def test_a_stretch_that_leads_nothing_is_not_said_to_lead(monkeypatch, tmp_path,
     assert "error with lag" not in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("before", "led"), [("G1 X10 Y0 F300", True), ("G91\nG0 X0 Y0\nG1 Z-1 F300", False)])
 def test_no_place_is_written_for_an_axis_whose_place_nobody_knows(before: str, led: bool) -> None:
     """What does not move Z needs none; where an increment moves it, the checker would refuse the whole program."""

@@ -316,6 +316,7 @@ POCKETS = "".join(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "half"), [(1, 0.5), (1, 0.0), (2, 0.5)], ids=["few", "gains little", "more"])
 def test_where_a_few_sections_stay_worse_a_part_that_is_much_better_is_written_and_they_are_named(
     monkeypatch, number, half

@@ -135,6 +135,7 @@ def infill(seed: int, cuts: int) -> str:
     return "\n".join([*lines, f"G1 E{pushed - 2.0:.5f} F2400", "G0 X0 Y0 F6000", ""])
 
 
+@pytest.mark.slow
 def test_what_is_worse_for_what_was_left_is_left_too_and_the_rest_kept() -> None:
     """Of two axes at 45 degrees one alone is worse than none: planned anew, other cuts were, until nothing was done."""
     found = judge(Entry("print", Path("print.gcode"), "marlin", infill(22, 80)))
@@ -243,6 +244,7 @@ def rings(count: int, sides: int) -> str:
     return "\n".join([*lines, f"G1 E{pushed - 2.0:.4f} F2400", "G0 X0 Y0 F9000", ""])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("dialect", "sides", "left", "followed"),
     [("marlin", 36, 0.25, 0.99), ("marlin", 60, 0.1, 0.99), ("klipper", 36, 0.65, 0.7), ("klipper", 60, 0.6, 0.6)],
@@ -279,6 +281,7 @@ def arcs(count: int, parts: int) -> str:
     return "\n".join([*lines, f"G1 E{pushed - 2.0:.4f} F2400", "G0 X0 Y0 F9000", ""])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parts", [1, 8])
 def test_rings_in_arcs_are_reckoned_by_their_own_joints(parts: int) -> None:
     """A third of the error was left of rings in eighths, whose arcs were taken for one chord.
@@ -335,6 +338,7 @@ def test_what_is_crossed_coarsely_does_not_count_as_compensated() -> None:
     assert result_lines(summarize(found, simulated=False))[0] == f"NOT COMPENSATED: {found.not_compensated}"
 
 
+@pytest.mark.slow
 def test_crossings_that_take_many_times_what_was_reckoned_are_made_where_there_is_time_for_them() -> None:
     """Helices of 0.15 mm, as CamBam cuts holes: nothing was compensated, as no plan was within the time."""
     turns = [

@@ -31,6 +31,8 @@ from ph_post.compensate.plan import make_plan
 from ph_post.files.path import read_path
 from ph_post.types import Gap, Servo
 
+pytestmark = pytest.mark.drawn(2)
+
 KNOWN = "backlash_uncertainty = 0.005\nfriction_uncertainty = 0.005\n"
 """What a diagnosed file says of its uncertainties."""
 
@@ -130,6 +132,7 @@ def test_cascades_with_friction(loop: str, seed: int, shape: str, largest: float
     assert found.largest < largest
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "largest"), [(46, 50e-6), (51, 35e-6)])
 def test_friction_that_an_integrator_has_not_taken_over_at_the_end_is_let_go(
     seed: int, largest: float, tmp_path: Path
@@ -139,6 +142,7 @@ def test_friction_that_an_integrator_has_not_taken_over_at_the_end_is_let_go(
     assert found.largest < largest
 
 
+@pytest.mark.slow
 def test_all_of_the_lead_is_seen_through_the_usual_window_where_nothing_else_takes_time(tmp_path: Path) -> None:
     """A narrower window was kept that a lesser time had asked for, which broke limits: the pocket was 22 µm off."""
     found = of_table(tmp_path, "pocket", known_file(tmp_path, 44, "load"), draw_machine(44, "load").true)

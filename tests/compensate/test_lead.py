@@ -236,6 +236,7 @@ def test_nearly_all_is_led_where_the_time_is_nearly_enough_for_all(monkeypatch: 
     assert 0.9 < less.lead < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("least", "words"), [(0.1, "of what the servo lags"), (0.9, "leaves no room for inverse dynamics")]
 )

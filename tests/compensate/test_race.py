@@ -27,6 +27,8 @@ from ph_post.simulate.contour import Nominal, first_counted
 from ph_post.simulate.machine import simulate
 from ph_post.types import Command, Plan, Scenario
 
+pytestmark = pytest.mark.drawn(2)
+
 
 def analysis_of(path: str, machine: str) -> Analysis:
     return look(read_path(or_shipped("paths", path)), read_machine(machine))

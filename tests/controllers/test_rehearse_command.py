@@ -44,6 +44,7 @@ def test_text_says_how_it_went(part: Path, capsys: pytest.CaptureFixture[str]) -
     assert "contour error  max µm" in said
 
 
+@pytest.mark.slow
 def test_a_machine_of_another_controller_is_named(part: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rehearse", str(part), "-m", "router"]) == 0
     assert "the machine's controller" not in capsys.readouterr().err

@@ -184,6 +184,7 @@ def bores() -> list[str]:
     return lines
 
 
+@pytest.mark.slow
 def test_bends_are_crossed_at_speed(tmp_path: Path) -> None:
     """A single block that crosses in a bend has so sharp a joint with the line before it that Grbl slows down."""
     text = "\n".join([*HEAD, *bores(), "M2", ""])

@@ -20,6 +20,8 @@ from tests.support.cascade_plant import Drive, motor_of, play
 from tests.support.cascade_records import averaged, machine_of, record
 from tests.support.played import play_program
 
+pytestmark = pytest.mark.drawn(2)
+
 DRIVE, GAP, FRICTION = Drive(tn=12e-3, velocity=0.95), 4e-5, 0.3
 OTHERS = (
     (Drive(kv=22.0, wv=130.0, tn=30e-3), 2.5e-5, 0.5, 0.2),

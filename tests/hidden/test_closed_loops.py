@@ -14,6 +14,8 @@ import pytest
 import ph_post as ph
 from tests.support.closed_loops import MM, diagnosed, draw_machine, of_program, of_table
 
+pytestmark = pytest.mark.drawn(4)
+
 
 @pytest.mark.slow
 def test_motors_behind_whose_encoders_tables_have_backlash_and_friction(tmp_path: Path) -> None:

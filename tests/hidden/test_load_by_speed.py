@@ -15,6 +15,8 @@ from tests.support.plants.courses import draw_course
 from tests.support.plants.loops import PERIOD
 from tests.support.plants.readings import Observer, Sensor
 
+pytestmark = pytest.mark.drawn(2)
+
 Floats = NDArray[np.float64]
 B, C = 6.5e-5, 6.5e-3
 DRY, HUM = 1.4e-5, 7e-7

@@ -9,6 +9,8 @@ from tests.support.plants.draw import LEAST
 from tests.support.plants.score import Result, judge, near, quiet
 from tests.support.plants.trials import Kind, Trial
 
+pytestmark = pytest.mark.drawn(4)
+
 SINGLES = [
     ("backlash", "act+motor", "motor", 0),
     ("coulomb_friction", "act+motor", "load", 0),

@@ -26,6 +26,8 @@ from tests.support.plants.score import left_by_identify
 from tests.support.plants.sizes import with_effect
 from tests.support.plants.trials import Trial
 
+pytestmark = pytest.mark.drawn(2)
+
 CASES = [
     (0.0, 0.0, "motor"),
     (0.7, 2e-5, "motor act"),
@@ -139,6 +141,7 @@ def test_a_file_with_a_cascade() -> None:
     assert axis.gap.lost_motion == 3e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("true", [0, 1])
 @pytest.mark.parametrize("filed", [None, 0, 1])
 @pytest.mark.thinned(2)

@@ -175,6 +175,7 @@ def two_bodies(force: Force, rule: Pickup) -> Integrated:
     return Integrated(np.array(table), np.array(motor), events)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SMOOTH)
 @pytest.mark.thinned(4)
 def test_a_force_on_an_axis_without_a_gap(name: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Hashable, Sequence
 
@@ -12,6 +13,9 @@ ALL = "PH_POST_ALL_TESTS"
 
 EVERY = "every"
 """Its value that asks for every case too of which `.ci/run` tries a part."""
+
+DRAW = "PH_POST_DRAW"
+"""Environment variable by which slow tests are drawn; `.ci/run` takes the commit, so that the next one tries others."""
 
 PART = 4
 """Of so many random examples one is tried where nobody asks for every one."""
@@ -24,6 +28,12 @@ def examples(count: int) -> int:
     """How many of `count` random examples to try."""
     part = 1 if os.environ.get(ALL) == EVERY else PART
     return max(count // part, min(count, FEWEST))
+
+
+def is_drawn(name: str, of: int) -> bool:
+    """Whether a test is the one of so many that is tried where nobody asks for every one."""
+    lot = hashlib.sha256(f"{os.environ.get(DRAW, '')} {name}".encode()).digest()
+    return int.from_bytes(lot) % of == 0
 
 
 def sample(kinds: Sequence[Hashable], each: int) -> list[int]:

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from support.amount import ALL, EVERY, examples, sample
+from support.amount import ALL, DRAW, EVERY, examples, is_drawn, sample
 
 
 @pytest.mark.thinned(4)
@@ -34,3 +34,15 @@ def test_random_examples_are_more_where_every_one_is_asked_for(
 ) -> None:
     monkeypatch.setenv(ALL, asked)
     assert tuple(examples(count) for count in (100, 20, 5)) == tried
+
+
+def test_one_in_so_many_is_drawn_and_another_with_another_commit(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = []
+    for commit in ("15286b73", "15286b73", "56a28b69"):
+        monkeypatch.setenv(DRAW, commit)
+        drawn.append({number for number in range(1000) if is_drawn(f"tests/hidden/test_named.py::{number}", 4)})
+    first, same, other = drawn
+    assert first == same
+    assert 200 < len(first) < 300
+    assert 200 < len(other) < 300
+    assert 30 < len(first & other) < 100
