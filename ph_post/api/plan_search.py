@@ -39,6 +39,7 @@ from ph_post.compensate.strategies.registry import find_traits
 from ph_post.dialects.base import Dialect
 from ph_post.drive.axes import has_backlash
 from ph_post.edit.affordable import SPARE
+from ph_post.edit.beams import BeamGuard
 from ph_post.edit.edits import EditOptions, Edits, merge_edits, no_offsets
 from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.preconditions import reckoned_feeds
@@ -54,7 +55,7 @@ from ph_post.simulate.controllers.moves import moved_axes
 from ph_post.types import Machine
 
 HALTED: Final = 2
-"""Times that corners which the controller rounds more than before are halted in, before what is about them is left."""
+"""Times that corners which the tool cuts by more than before are halted in, before what is about them is left."""
 
 SPARED: Final = 4
 """Plans that leave what is worse beside what the one before had no time for, before sections are left in parts."""
@@ -362,10 +363,15 @@ class PlanSearch:
         if behind:
             return replace(options, plain_corners=True)
         halts = options.halts | judged.corners
-        if not self._rounds or len(halts) == len(options.halts) or self._halted == HALTED:
+        if len(halts) == len(options.halts) or self._halted == HALTED or self._may_not_rest:
             return None
         self._halted += 1
         return replace(options, halts=halts)
+
+    @cached_property
+    def _may_not_rest(self) -> bool:
+        """Whether the tool would mark the part where it rests, or no axis has an offset in whose plan it could."""
+        return not self._planner.offsets_axes or BeamGuard(self._original, self._planner.machine).tends
 
     def _less(
         self, edits: Edits, judged: GuardFinding, options: EditOptions, tighter: EditOptions

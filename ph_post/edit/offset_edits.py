@@ -219,7 +219,8 @@ class _OffsetPlanner:
         """Add stops at the ends of motions at which the path is to halt: a cutter may rest there, no other tool."""
         found = list(stops)
         halts = self._options.halts - {one.motion for one in found if one.approach}
-        halts -= frozenset(np.flatnonzero(self._program.threads).tolist())
+        # No block stands between the turns of a thread, or between the moves of a contour with cutter compensation.
+        halts -= frozenset(np.flatnonzero(self._program.threads | (self._contours.number >= 0)).tolist())
         if self._beam.tends or not halts:
             return tuple(found)
         there = {one.motion for one in found if one.share == 1.0}

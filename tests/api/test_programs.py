@@ -10,6 +10,7 @@ from support.compensated import headed
 from support.corpus import Entry, stepper
 from support.corpus_judge import Judged, compare, judge
 from support.editing import with_edits
+from support.ideal_play import play_error
 from support.random_cuts import random_cut
 
 from ph_post.api import failed_changes, plan_search
@@ -352,6 +353,48 @@ def test_where_rounded_corners_leave_a_part_no_better_it_is_said_what_may_help(m
     assert after.rms < before.rms
     assert after.max <= before.max
     assert any("the part would be no better; " + words in one for one in made.edits.warnings) == bool(words)
+
+
+LED_IN = """\
+G21 G17 G90 G94
+G0 X-5.0 Y10.0
+G0 Z5.0
+G1 Z-4.0 F333.0
+G3 X0.0 Y15.0 I0.0 J5.0 F1000.0
+G1 Y40.0
+G2 X10.0 Y50.0 I10.0 J0.0
+G1 X60.0
+G2 X70.0 Y40.0 I0.0 J-10.0
+G1 Y10.0
+G2 X60.0 Y0.0 I-10.0 J0.0
+G1 X10.0
+G2 X0.0 Y10.0 I0.0 J10.0
+G1 Y15.0
+G3 X-5.0 Y20.0 I-5.0 J0.0
+G0 Z15.0
+M2
+"""
+"""A contour that an arc leads to from the place of the plunge, as CAM systems write it."""
+
+
+def test_a_corner_that_lag_cuts_by_more_is_halted_in_on_controllers_without_path_modes(tmp_path):
+    """Between plunge and arc the tool was 2.5 of 32 µm further off: all was left up to the corner behind."""
+    machine, backlash = read_machine("router"), {"X": 0.02, "Y": 0.02, "Z": 0.0}
+    axes = {
+        name: replace(axis, gap=replace(axis.gap, lost_motion=backlash[name] * MM))
+        for name, axis in machine.axes.items()
+    }
+    (tmp_path / "part.nc").write_text(LED_IN)
+    made = compensate(tmp_path / "part.nc", replace(machine, axes=axes, dialect="fanuc"))
+    assert not any("not compensated" in one for one in made.warnings)
+    assert made.after.error.max <= made.before.error.max
+    written = re.sub(r"\.(?!\d)", ".0", made.program().decode())
+    for side in (1.0, -1.0):
+        sides = dict.fromkeys("XYZ", side)
+        before, after = (play_error(one, LED_IN, backlash, sides, 0.0) for one in (LED_IN, written))
+        assert before[0] > 0.014
+        assert before[1] > 0.009
+        assert after[0] < 1e-6
 
 
 PEN = (
