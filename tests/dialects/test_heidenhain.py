@@ -283,6 +283,15 @@ def test_a_datum_shift_separates_what_lies_before_and_behind(dialect: str) -> No
     assert np.isnan(program.motions.start[1]).all()
 
 
+def test_a_retraction_to_the_end_of_the_travel_leaves_the_other_axes_where_they_are() -> None:
+    """Before every tool CAM systems write it (iTNC 530, "Retraction from the contour in the tool-axis direction")."""
+    program = klartext("L X+1 Y+2 Z+3 FMAX", "L M140 MB MAX M5", "L IX+4 F100", "L Z+5", "L IZ-1")
+    assert not program.notes
+    np.testing.assert_allclose(1e3 * program.motions.end[-3:], [[5.0, 2.0, np.nan], [5.0, 2.0, 5.0], [5.0, 2.0, 4.0]])
+    for block in ("L X+7 M140 MB MAX", "L M140 MB 50 F750", "L M140 MB MAXX"):
+        assert klartext("L X+1 Y+2 Z+3 FMAX", block).notes, block
+
+
 def test_the_working_plane_follows_the_tool_s_axis() -> None:
     program = klartext("TOOL CALL 1 Y", "L X+10 Y+0 Z+0 F100", "CC Z+0 X+0", "C Z+10 X+0 DR+")
     motions = program.motions

@@ -57,6 +57,9 @@ _SHIFTS: Final = frozenset((7, 247))
 _CALLED: Final = frozenset((*range(1, 7), 17, 18, *range(200, 210), 240, 241, *range(251, 255), *range(262, 268)))
 """Cycles that move when they are called, and not where they are defined."""
 _OTHERS: Final = re.compile(r"CTP|CT|LP|LCT|LN|FPOL|FLT|FL|FCT|FC|APPR|DEP|SPL")
+_RETRACTION: Final = re.compile(r"M\s*140\s+MB\s*MAX(?![A-Z])")
+"""Back along the tool's axis to the end of its travel (iTNC 530, User's Manual, Conversational, 7, "Retraction from the
+contour in the tool-axis direction"); by a length it may have a feed of its own."""
 _TANGENTIAL: Final = re.compile(r"CTP?$|FCT$|FLT$|DEP$")
 
 
@@ -248,12 +251,21 @@ class _KlartextFollower:
         raise NotFollowed(what, source)
 
     def _straight(self, text: str) -> str:
+        if _RETRACTION.search(text):
+            return self._retracted(_RETRACTION.sub(" ", text))
         rest, places = self._places(text)
         rest, feed, rapid = self._feed(rest)
         rest, functions = self._functions(rest)
         rest = self._side(rest)
         self._nothing_left(rest)
         return self.tnc.straight(places, rapid=rapid, feed=feed, functions=functions)
+
+    def _retracted(self, text: str) -> str:
+        """Take the tool to the end of its axis, which is in the machine's coordinates."""
+        rest, functions = self._functions(text)
+        self._nothing_left(rest)
+        end: Places = {self.tnc.tool_axis: (False, Decimal(0))}
+        return self.tnc.straight(end, rapid=True, feed="", functions=[*functions, 91])
 
     def _curve(self, word: str, text: str) -> str:
         rest, places = self._places(text)
