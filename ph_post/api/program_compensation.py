@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 
 import msgspec
@@ -14,12 +15,13 @@ from ph_post.api.options import CompensateOptions
 from ph_post.api.outcomes import Compensation, left_words, passed_through, units_notes
 from ph_post.api.path_compensation import PathCompensation, compensated_path
 from ph_post.api.programs import compensate_program
-from ph_post.api.results import AxisReversals, MotionResult
+from ph_post.api.results import AxisReversals, MotionResult, ProgramMotion
 from ph_post.api.reversals import ProgramReversal, coarse_words, count_program_reversals, program_reversals
 from ph_post.compensate.options import PlanOutput
 from ph_post.dialects.planners import planner_notes
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import gravity_notes
+from ph_post.edit.preconditions import reckoned_feeds
 from ph_post.files.storage import SourceBytes
 from ph_post.gcode.program import PartProgram
 from ph_post.progress import Progress
@@ -123,7 +125,14 @@ class ProgramCompensation(Compensation):
 
     @cached_property
     def _motions(self) -> tuple[MotionResult, MotionResult]:
-        return self.edited.run_on(self.machine, self._progress)
+        before, after = self.edited.run_on(self.machine, self._progress)
+        original = self.shifted.original
+        if original is not None and any(plan.added for plan in self.shifted.plans):
+            # What axes beside X, Y and Z do more is in the program before, but not in the original.
+            before = copy(before) if before is after else before
+            plain = reckoned_feeds(original, self.machine)
+            before.time = ProgramMotion(plain, plain, self.machine, "original", self._progress).time
+        return before, after
 
     @property
     def before(self) -> MotionResult:

@@ -302,6 +302,8 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
     units : tuple of int
         G words by which programs say their units; empty where they say so by other words, or the controller
         begins in mm whatever it was told before.
+    signed_turns : str
+        The setting, which must be 0, under which the sign of a rotary axis' place says which way round it turns.
     """
 
     assumed: tuple[str, ...] | None = None
@@ -313,6 +315,7 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
     own_tables: str = ""
     arc_setting: str = ""
     units: tuple[int, ...] = ()
+    signed_turns: str = ""
 
     def closing(self, part: float) -> str:
         """Return the command with which the controller corrects `part` of its backlash again.

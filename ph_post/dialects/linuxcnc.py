@@ -185,6 +185,8 @@ DIALECT = Dialect(
         own_compensation="BACKLASH in LinuxCNC's ini file",
         own_tables="BACKLASH and COMP_FILE in the ini file",
         units=(20, 21),
+        # "Positive numbers will move the axis in a positive direction" (INI configuration, "[AXIS_<letter>]").
+        signed_turns="WRAPPED_ROTARY in LinuxCNC's ini file",
     ),
     recording=Recording(lines=halsampler_lines, ending=".txt", has_command=True),
     language=Language(

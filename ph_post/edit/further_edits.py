@@ -35,6 +35,7 @@ from ph_post.gcode.further import FurtherMoves, further_moves, unit_of
 from ph_post.gcode.program import RAPID, PartProgram, chain_heads
 from ph_post.gcode.working import working_motions
 from ph_post.types import ROTARY_AXES, Array, Axis, IntArray, Machine
+from ph_post.units import DEGREE, MINUTE
 
 BAND: Final = 0.1
 """Part of its backlash by which an axis may turn back without that it counts as a reversal."""
@@ -67,6 +68,7 @@ class AddedMoves(msgspec.Struct, frozen=True, kw_only=True):
     """Moves of one axis alone, before line `block`: `steps` of its offset there, each a place beside `place`.
 
     `label` says what for; `absolute`, `motion` and `inverse` are the modes in force there, and `at` the offset before.
+    `feed` [rad/s, m/s] is the one in force, infinite where it does not hold for them.
     """
 
     letter: str
@@ -78,6 +80,7 @@ class AddedMoves(msgspec.Struct, frozen=True, kw_only=True):
     motion: str
     absolute: bool
     inverse: bool
+    feed: float
 
 
 class Stand(msgspec.Struct, frozen=True, kw_only=True):
@@ -113,10 +116,13 @@ class FurtherAxisPlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def cost(self) -> float:
-        """Time that its moves in the midst of cuts cost [s]: from rest to rest, at most at its speed."""
-        limits = self.axis.limits
-        ways = [abs(one.steps[-1] - one.at) * self.step for one in self.added if one.motion == "G1"]
-        return sum(way / limits.velocity + 2.0 * math.sqrt(way / limits.acceleration) for way in ways)
+        """Time that its moves in the midst of cuts cost [s]: from rest to rest, at most at its speed and their feed."""
+        limits, cost = self.axis.limits, 0.0
+        for one in self.added:
+            if one.motion == "G1":
+                way = abs(one.steps[-1] - one.at) * self.step
+                cost += way / min(limits.velocity, one.feed) + 2.0 * math.sqrt(way / limits.acceleration)
+        return cost
 
     @property
     def added_moves(self) -> int:
@@ -155,6 +161,8 @@ def plan_further(
         planner = _AxisPlanner(program, dialect, axis, options, moved[name], machine)
         if axis.loop.encloses_backlash:
             said.append(f"axis {name} not compensated: its backlash is inside the loop")
+        elif planner.signed:
+            said.append(f"axis {name} not compensated: {planner.signed} says by its sign which way round it turns")
         elif troubles or planner.coarse:
             why = [*troubles, f"the decimals of {dialect.name} are too few for its backlash"][0]
             said.append(f"axis {name} not compensated: {why}")
@@ -166,6 +174,8 @@ def plan_further(
                 plan = planner.plan()
             plans.append(plan)
             said += plan.left
+            setting = dialect.notices.signed_turns if name in ROTARY_AXES and (plan.shifts or plan.added) else ""
+            said += [f"{setting} must be 0 for axis {name}: a sign would turn it the other way"] if setting else []
     return plans, said
 
 
@@ -221,6 +231,16 @@ class _AxisPlanner:
     def coarse(self) -> bool:
         """Whether its backlash is no more than a few steps of the last decimal."""
         return self._axis.gap.lost_motion < (_FEWEST - 0.5) * self._step
+
+    @property
+    def signed(self) -> str:
+        """A zero with a minus sign, which is a way round where no place is a whole turn away; empty without one."""
+        words, found = self._program.words, self._moves.word[self._moves.absolute]
+        if self._axis.name not in ROTARY_AXES or np.any(np.abs(words.value[found]) * DEGREE >= math.tau):
+            return ""
+        found = found[words.value[found] == 0.0]
+        texts = (self._program.data[words.start[word] : words.end[word]] for word in found.tolist())
+        return next((text.decode("ascii", "replace") for text in texts if b"-" in text), "")
 
     @property
     def time(self) -> float:
@@ -407,6 +427,8 @@ class _AxisPlanner:
     def _add(self, draft: _Draft, block: int, n: int, at: int, steps: tuple[int, ...], label: str) -> None:
         modal = self._program.modal_after(block - 1)
         motion = "G0" if modal.motion == "G0" else "G1"
+        feeds = motion == "G1" and modal.feed_mode == _PER_MINUTE
+        unit = unit_of(self._axis.name, modal.units) / MINUTE
         draft.added.append(
             AddedMoves(
                 letter=self._axis.name,
@@ -418,6 +440,7 @@ class _AxisPlanner:
                 motion=motion,
                 absolute=modal.absolute,
                 inverse=modal.feed_mode == _INVERSE and motion == "G1",
+                feed=self._program.feed_after(block - 1) * unit if feeds else math.inf,
             )
         )
 

@@ -202,7 +202,7 @@ def test_random_programs_are_in_place_at_every_cut(seed):
     how = machine(side=side)
     request = ProgramRequest(plan=PlanOptions(strategy="auto"), edit=EditOptions(max_slowdown=10.0))
     found = shifted_job(read_program(text.encode(), "a.ngc"), how, request)
-    assert found.warnings == ()
+    assert not any("not compensated" in one for one in found.warnings)
     (row,) = found.with_reversals(())
     assert row.compensated == row.all > 5
     ours = places(found.job.data, {"A": 0.05}, {"both": 0, "+": 1, "-": -1}[side])
@@ -215,6 +215,20 @@ def test_moves_of_its_own_keep_within_the_time_allowed():
     assert b"crossing A" not in result.program()
     assert "--max-slowdown" in result.not_compensated
     assert b"crossing A" in compensated(text, machine(), max_slowdown=10.0).program()
+
+
+def test_its_crossings_take_their_time_at_the_feed_in_force_beside_that_of_the_original():
+    """F counts degrees a minute where the axis moves alone: 6 of them take half a second for its backlash."""
+    text = HEAD + "G0 A5\nG1 Z-1 F6000\nG61\nG1 X2 A9 F6\n" + "G1 X4 A5\nG1 X2 A9\n" * 9 + "G0 Z5\nM2\n"
+    plain = compensated(text, machine("B"))
+    for x in (0.0, 0.05):
+        result = compensated(text, machine(x=x), max_slowdown=0.06)
+        assert result.program().count(b"crossing A") == 18
+        assert result.before.time == pytest.approx(plain.before.time, abs=0.01)
+        assert result.after.time > plain.before.time + 9.0
+    short = text.replace("X4", "X2.1")
+    assert b"crossing A" in compensated(short, machine(), max_slowdown=0.5).program()
+    assert b"crossing A" not in compensated(short, machine(), max_slowdown=0.1).program()
 
 
 def test_a_program_whose_time_is_not_known_has_no_time_to_spare():
@@ -296,6 +310,24 @@ def test_where_a_control_may_turn_either_way_nothing_is_guessed():
     result = compensated(text, machine(dialect="fanuc"))
     assert b"A200." in result.program()
     assert any("either way round" in one for one in result.warnings)
+
+
+@pytest.mark.parametrize(
+    ("dialect", "setting"), [("linuxcnc", "WRAPPED_ROTARY"), ("fanuc", "parameter 1008"), ("grblhal", "")]
+)
+def test_where_a_sign_may_say_which_way_round_it_turns_that_is_said_or_the_axis_left(dialect, setting):
+    """A90 and A-0.025 would be nearly whole turns there, to another place; -0 is no place but a way round."""
+    text = HEAD + "G0 A10.\nG1 Z-1. F300\nX20. A90.\nX0. A0.\nG0 Z5.\nM30\n"
+    warned = [one for one in compensated(text, machine(dialect=dialect)).warnings if "axis A" in one]
+    assert len(warned) == bool(setting)
+    assert not warned or setting in warned[0]
+    for zero in ("A-0.", "A-.0"):
+        result = compensated(text.replace("A0.", zero), machine(dialect=dialect))
+        assert result.program() == text.replace("A0.", zero).encode()
+        assert f"axis A not compensated: {zero} says by its sign which way round it turns" in result.warnings
+    # A place beyond a whole turn says that the axis is no such one: the sign is what rounding has left.
+    turned = text.replace("A90.", "A450.").replace("A0.", "A-0.")
+    assert b"A450.025" in compensated(turned, machine(dialect="linuxcnc")).program()
 
 
 @pytest.mark.parametrize(("old", "new"), [("A90.025", "A90.02"), ("G0 A-0.075", "G0 A-0.02"), ("M2\n", "G1 A7\nM2\n")])

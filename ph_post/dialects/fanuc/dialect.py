@@ -180,6 +180,7 @@ DIALECT = Dialect(
     notices=Notices(
         assumed=(PRECONDITIONS, end_remark("M30"), "the program number may be taken: change it"),
         units=(20, 21),
+        signed_turns="bit 1 (RAB) of parameter 1008",
     ),
     planner=BUILT_PATH,
     writer=FanucLines,
