@@ -494,8 +494,10 @@ class ChangeWriter:
         unfed = bool(self._unfed[words.motion])
         # Where rapids take the feed in force and none is known yet, nothing could set it back behind a jog.
         rapid = stop.rapid or (self._dialect.syntax.rapid_feed and self._feeds.after(words.block) is None and not unfed)
-        # The first F of a chain without a known feed may stand behind its first rapid.
-        rapid |= stop.approach and unfed
+        # The first F of a chain without a known feed may stand behind its first rapid. A feed a turn moves nothing
+        # while the spindle stands, as it may in the air.
+        in_air = stop.approach or self._program.motions.kind[words.motion] == RAPID or modal.spindle == "M5"
+        rapid |= unfed and in_air
         for shifts in stop.moves:
             for shift in shifts:
                 axis = AXES.index(shift.axis)

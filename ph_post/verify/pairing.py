@@ -130,7 +130,7 @@ def _rapid_approaches(case: VerifyCase, old_change: NDArray[Any], new_change: ND
             for motion in own.tolist()
             if motion > 0
             and other.kind[motion - 1] == RAPID
-            and new_change[motion - 1] == change
+            and new_change[motion - 1] in (change, NO_CHANGE)
             and _takes_up(case, other.start[motion], other.end[motion])
         ]
         if len(own_found) == own.size - int(had.get(change, 0)):

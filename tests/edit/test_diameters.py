@@ -132,6 +132,36 @@ def test_no_feed_is_written_where_it_is_one_a_turn(head):
     assert found < 0.2 * before
 
 
+STANDING = {
+    "fanuc": (HEAD, "M30\n%\n"),
+    "linuxcnc": ("G21 G18 G90 G95 G7 G61\nG97 S500 M3\n", "M2\n"),
+    "siemens": ("G71 G18 G90 DIAMON\nG95 S900 M3\n", "M30\n"),
+}
+
+
+@pytest.mark.parametrize("dialect", STANDING)
+@pytest.mark.parametrize("away", ["M5\nG0 X80.\n", "G0 X80. M5\nX90.\n", "M5\n", "G0 X80.\nM5\nG0 X90.\n"])
+def test_nothing_is_moved_at_a_feed_a_turn_while_the_spindle_stands(dialect, away):
+    """The control would wait for the spindle, for ever."""
+    head, end = STANDING[dialect]
+    cuts = "G0 X60. Z5.\nG0 X20. Z2.\nG1 Z-5. F0.1\nX30.\nZ-10.\nX26.\nZ-15.\nZ-12.\nX60.\n"
+    text = head + cuts + away + end
+    source = SourceBytes(name="a.nc", stem="a", data=text.encode())
+    result = compensated(source, stepper(dialect), CompensateOptions(), "program", no_progress)
+    made = re.sub(r"\(.*?\)|;.*", "", result.program().decode())
+    assert all(row.compensated == row.all > 0 for row in result.axis_reversals)
+    mode, turns, at = "", False, {}
+    for line in made.splitlines():
+        words = re.findall(r"([A-Z])([-\d.]+)", line)
+        codes = {f"{letter}{float(number):g}" for letter, number in words}
+        mode = next(iter(codes & {"G0", "G1"}), mode)
+        turns = (turns or "M3" in codes) and "M5" not in codes
+        moves = [letter for letter, _ in words if letter in "XZ"]
+        at |= {letter: float(number) for letter, number in words if letter in "XZ"}
+        assert not moves or mode == "G0" or turns, line
+    assert at["Z"] == -12.0
+
+
 def test_a_dialect_says_what_no_word_of_a_program_says():
     text = "%\nO1\nG21 G98 G40\nG0 X50. Z2.\nG1 Z-5. F100.\nG2 X60. Z-10. R5.\nM30\n%\n"
     ends = [
