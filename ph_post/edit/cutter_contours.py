@@ -391,7 +391,7 @@ class CutterContours:
             bounds += [(on_arcs[n], on_arcs[n])] if n in on_arcs else []
             radius = min((bound for bound, _ in bounds), default=math.inf)
             if any(bound < LEAST_PART * natural for bound, natural in bounds):
-                why[n] = f"its directions would hold for cutters of a radius up to {max(radius, 0.0) / MM:.3g} mm alone"
+                why[n] = f"its directions would hold for cutters of a radius up to {max(0.0, radius) / MM:.3g} mm alone"
             else:
                 radii[n] = radius
         return why, radii

@@ -25,6 +25,8 @@ _MOTIONS: Final = {0, 10, 20, 30}
 _OTHER_MOTIONS: Final = {320, 340, 21, 31, 22, 32}
 _FEEDS: Final = {980, 990}
 _MULTIPLE: Final = range(700, 761, 10)
+_TAPPING: Final = 950
+"""A cycle of Haas's live tools; in the G code systems B and C feeds a turn."""
 _UNKNOWN: Final = 9990
 """A code behind which neither the place nor the motion in force is known."""
 
@@ -64,10 +66,12 @@ class TurningBlocks(FanucBlocks):
         """Return ten times the G words, as the parent's rules are to have them."""
         placed = any(word.letters in _PLACED for word in words)
         found = []
-        for code in super().codes_of(words):
+        codes = super().codes_of(words)
+        cycles = {*_MULTIPLE, *_SINGLE} | ({_TAPPING} if placed and not _MOTIONS & set(codes) else set())
+        for code in codes:
             if code == 500 and placed:
                 found.append(920)
-            elif code in _MULTIPLE or code in _SINGLE:
+            elif code in cycles:
                 found.append(_UNKNOWN)
             elif code not in _FEEDS and code != 500:
                 found.append(code)

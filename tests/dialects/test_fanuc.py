@@ -470,6 +470,23 @@ def test_polar_interpolation_of_lathes_is_no_word_of_mills() -> None:
     assert "unknown G word: G112" in [note.what for note in read(body.replace(" C0.", "")).notes]
 
 
+def test_on_its_second_spindle_a_lathe_s_z_is_mirrored() -> None:
+    body = "G14\nG0 X40. Z2.\nG1 Z-5. F0.1\nG15\nG0 X50. Z5.\nX40.\n"
+    assert read(body, lathe=True).motions.block[2:].tolist() == [LINES + 4, LINES + 5]
+    assert "secondary spindle: G14" in [note.what for note in read(body, lathe=True).notes]
+    assert "unknown G word: G14" in [note.what for note in read(body).notes]
+
+
+@pytest.mark.parametrize(
+    ("line", "cycle"), [("G95 Z-10. F1.", True), ("G95 C30. F1.", True), ("G1 G95 Z-10. F0.1", False), ("G95", False)]
+)
+def test_beside_a_place_g95_is_a_cycle_of_a_lathe_s_live_tools(line: str, cycle: bool) -> None:
+    data = f"G99\nG0 X40. Z2.\n{line}\nX30.\nG0 X50. Z5.\n".encode()
+    program = read_fanuc(data, "a.nc", lathe=True)
+    assert ("tapping cycle: G95" in [note.what for note in program.notes]) == cycle
+    assert ({2, 3} & {*program.motions.block.tolist()} == set()) == cycle
+
+
 def test_a_frame_lasts_within_another_and_a_mirror_up_to_its_last_axis() -> None:
     program = read("G101 X0\nG101 Y0\nG100 X0\nG1 X5. Y5. Z5.\nG100 Y0\nG0 X1. Y2. Z3.\n")
     assert program.motions.block[2:].tolist() == [LINES + 5]

@@ -46,6 +46,7 @@ G92.1 (on lathes G50.3 too) brings the named axes' coordinates back to what they
 """
 
 _FRAMES: Final[Mapping[float, tuple[float, bytes, bytes, str]]] = {
+    14.0: (15.0, b"G51.1", b"G50.1", "secondary spindle"),
     51.1: (50.1, b"G51.1", b"G50.1", ""),
     101.0: (100.0, b"G51.1", b"G50.1", "mirror image"),
     112.0: (113.0, b"G12.1", b"G13.1", "polar interpolation"),
@@ -55,16 +56,18 @@ _FRAMES: Final[Mapping[float, tuple[float, bytes, bytes, str]]] = {
 """By the word with which a frame begins the one that ends it, both in words of RS274's reader, and a name.
 
 Ends are others' words where nothing has begun: G100 changes the tool on Brother's. G101, G254 and G268 are Haas's (Mill
-Operator's Manual, "G-codes"), and G112 is that of lathes (B-64484EN-1, "Polar coordinate interpolation"; on Haas's
-mills it is a work offset). G7 and G12.1 stand for frames within which others begin and end, as G69 stands in the safe
-lines of many programs; of Fanuc's words G7 is none.
+Operator's Manual, "G-codes"). Of lathes alone are G112 (B-64484EN-1, "Polar coordinate interpolation"; on Haas's
+mills it is a work offset) and Haas's G14, which mirrors Z (Lathe Operator's Manual, "G14 Secondary Spindle Swap"). G7
+and G12.1 stand for frames within which others begin and end, as G69 stands in the safe lines of many programs; of
+Fanuc's words G7 is none.
 """
+_OF_LATHES: Final = frozenset((14.0, 112.0))
 _MIRRORS: Final = frozenset((50.1, 100.0))
 
 _CALLS: Final = frozenset((65.0, 66.0, 66.1, 67.0, 72.1, 72.2))
 """Calls of macros, and of the subprogram whose figure G72.1 and G72.2 repeat (B-64484EN-2, "Figure copy")."""
 
-TURNED: Final = rb"G0*(?:3[24]|50|9[02489])(?!\d)|G7[0-6](?!\d)|T[ \t]*\d"
+TURNED: Final = rb"G0*(?:1[45]|3[24]|50|9[024589])(?!\d)|G7[0-6](?!\d)|T[ \t]*\d"
 """Pattern of the words that mean another thing on a lathe (G code system A) than in RS274."""
 
 _TURNED: Final[Mapping[float, tuple[bytes, str]]] = {
@@ -75,6 +78,12 @@ _TURNED: Final[Mapping[float, tuple[bytes, str]]] = {
     75.0: (b"G76", "turning cycle"),
 }
 """In the words of RS274's reader, and a name of what is not understood."""
+
+_TAPPING: Final = 95.0
+"""A cycle of live tools on Haas's lathes (Lathe Operator's Manual, "G95 Live Tooling Rigid Tap (Face)").
+
+In the G code systems B and C it is feeds a turn, and programs of theirs without G90 and G91 are not told from A's.
+"""
 
 _QUIET: Final = frozenset((5.0, 5.1, 8.0, 22.0, 23.0, 25.0, 26.0, 103.0, 187.0))
 """Look-ahead, contour control, limit checks, on Haas's smoothness (G187): they move nothing."""
@@ -113,7 +122,7 @@ def words_of(bare: bytes) -> list[tuple[bytes, bytes, int, int]]:
 
 
 _OPENING: Final = re.compile(
-    rb"G[ \t]*0*(7\.1|107|12\.1|16|51(?:\.1)?|68(?:\.[234])?|43\.[45]|101|112|234|254|268)(?![\d.])"
+    rb"G[ \t]*0*(7\.1|107|12\.1|14|16|51(?:\.1)?|68(?:\.[234])?|43\.[45]|101|112|234|254|268)(?![\d.])"
 )
 """Words with which a frame begins that is not the machine's."""
 
@@ -274,7 +283,7 @@ class Editor:
         places = [word for word in self._words if word[0] in b"XYZABCUVW"]
         axes = {letter for letter, _, _, _ in places}
         for code, (start, end) in self._codes.items():
-            if code in _FRAMES and (self._turned or code != 112.0):
+            if code in _FRAMES and (self._turned or code not in _OF_LATHES):
                 closing, word, _, name = _FRAMES[code]
                 frames.setdefault(closing, set()).update(axes)
                 self._put(start, end, word)
@@ -313,8 +322,12 @@ class Editor:
             for letter, _, first, last in self._words:
                 if letter == b"S" and not placed:
                     self._put(first, last)
+        placed = any(letter in b"XZUWC" for letter, _, _, _ in self._words)
         for code, (start, end) in self._codes.items():
-            if code in _TURNED:
+            if code == _TAPPING and placed and not _MOTIONS & self._codes.keys():
+                self._put(start, end, b"G76")
+                self._note("tapping cycle", start, end)
+            elif code in _TURNED:
                 word, name = _TURNED[code]
                 self._put(start, end, word)
                 if name:
