@@ -42,7 +42,7 @@ MANY_DWELLS: Final = 5
 def why_indivisible(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
     """Return the reason why a motion cannot be divided at a share of it; empty where it can."""
     motions = program.motions
-    line, own = int(motions.block[motion]) + 1, words_by_letter(program, int(motions.block[motion]))
+    line, own = program.line_number(motions.block[motion]), words_by_letter(program, int(motions.block[motion]))
     if motions.kind[motion] in (RAPID, NURBS):
         return f"line {line} is a {'rapid' if motions.kind[motion] == RAPID else 'NURBS'} and cannot be divided"
     unknown = np.isnan(motions.start[motion]) | np.isnan(motions.end[motion])
@@ -96,7 +96,7 @@ def why_kept_whole(program: PartProgram, motion: int, *, shared: bool = True) ->
 
 
 def _why_indivisible_cubic(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
-    line = int(program.motions.block[motion]) + 1
+    line = program.line_number(program.motions.block[motion])
     if dialect.abilities.cubic is None:
         return f"line {line} would have to be divided, and {dialect.name} has no G5"
     parts = np.array(split_cubic(program.motions.control[motion], [0.0, share, 1.0]))[:, :, :2]
@@ -226,7 +226,7 @@ def warn_dwells(program: PartProgram) -> list[str]:
     long = np.flatnonzero(seconds >= LONG_DWELL)
     if long.size < MANY_DWELLS:
         return []
-    hours, first = float(seconds[long].sum()) / HOUR, int(lines[long[0]]) + 1
+    hours, first = float(seconds[long].sum()) / HOUR, program.line_number(int(lines[long[0]]))
     return [
         f"{long.size} dwells of {LONG_DWELL:g} s and more take {hours:.3g} h, the first in line {first}: where"
         " milliseconds are meant, the program lasts far less, and is slowed down by more of its time than is said"

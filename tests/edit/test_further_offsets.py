@@ -153,6 +153,16 @@ def test_x_and_y_are_compensated_beside_it():
     assert ph.compensate(read_program(result.program(), "b.ngc"), how).program() == result.program()
 
 
+def test_lines_are_those_of_the_original_where_x_and_y_are_left_beside_it():
+    cuts = "G0 A0\nG1 Z-1 F300\nG1 X20 A9 F600\nG1 X5 A3\nG2 X5 Y0 I-3 J3 A9\nG1 X9\nG1 X0\nG0 Z5\nM2\n"
+    text = "G61\n" + HEAD + cuts
+    result = compensated(text, machine(x=0.04))
+    left = [one for one in result.warnings if "moves A too" in one]
+    assert left
+    assert all("line 9 moves A too" in one for one in left)
+    assert text.splitlines()[8].startswith("G2")
+
+
 def test_all_places_may_be_come_to_from_one_side():
     text = HEAD + INDEXED.replace("G1 A30\nG1 A60\n", "") + "M2\n"
     result = compensated(text, machine(), position_from="-")

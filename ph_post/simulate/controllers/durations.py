@@ -43,4 +43,4 @@ def refuse_run(program: PartProgram, motion: float, period: float) -> None:
 
 
 def _line(program: PartProgram, motion: float) -> str:
-    return f"line {int(program.motions.block[int(motion)]) + 1}"
+    return program.line_words(int(program.motions.block[int(motion)]))
