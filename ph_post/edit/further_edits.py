@@ -292,7 +292,9 @@ class _AxisPlanner:
     def _unclear(self, n: int) -> bool:
         """Return true where the way to a place is not known, or may be the other way round."""
         away = self._moves.end[n] - self._moves.start[n]
-        wraps = self._wraps and self._moves.absolute[n] and abs(away) > _HALF_TURN - self._step
+        # With another offset behind it than before it goes farther.
+        near = self._axis.gap.lost_motion + 2.0 * self._step
+        wraps = self._wraps and self._moves.absolute[n] and abs(away) > _HALF_TURN - near
         return bool(np.isnan(self._moves.start[n]) or wraps)
 
     def _reversals(self, low: int, high: int) -> int:
@@ -354,11 +356,15 @@ class _AxisPlanner:
             self._return(draft, last)
 
     def _approach(self, draft: _Draft, n: int, sign: int) -> None:
-        """Let a rapid lead to the place itself, and moves behind it beyond it and back, to the offset."""
-        draft.shifts[int(self._moves.word[n])] = 0 if self._moves.absolute[n] else -draft.begin
+        """Let a rapid lead to the place itself, and moves behind it beyond it and back, to the offset.
+
+        Where the way round depends on how far it is, the rapid keeps the offset before, and goes as far as it did.
+        """
+        at = draft.begin if self._wraps and self._moves.absolute[n] else 0
+        draft.shifts[int(self._moves.word[n])] = at if self._moves.absolute[n] else -draft.begin
         draft.sign, draft.carried = sign, self._sides[sign > 0]
         beyond = draft.carried - sign * self._over
-        self._add(draft, int(self._moves.block[n]) + 1, n, 0, (beyond, draft.carried), f"{self._axis.name} approach")
+        self._add(draft, int(self._moves.block[n]) + 1, n, at, (beyond, draft.carried), f"{self._axis.name} approach")
         draft.beyond = max(draft.beyond, self._over)
 
     def _go(self, draft: _Draft, n: int, turn: int) -> None:

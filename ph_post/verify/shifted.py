@@ -389,6 +389,7 @@ class _Follower:
         self._carries |= not abs(new.end[k] - end) <= _SAME
         # In the air it may be elsewhere: before it comes from beyond, and behind the last cut.
         last = k + 1 == new.block.size or self._layer.added.get(int(new.block[k + 1]), "").lower().endswith("approach")
-        free = not self._carries or (bool(new.rapid[k]) and last and abs(new.end[k] - end) <= _SAME)
+        near = -self._above - _SAME <= new.end[k] - end <= self._below + _SAME
+        free = not self._carries or (bool(new.rapid[k]) and last and near)
         if not (free or self._is_at(end)):
             self._say("ends beside its place", line)

@@ -322,6 +322,36 @@ def test_where_a_control_may_turn_either_way_nothing_is_guessed():
     assert any("either way round" in one for one in result.warnings)
 
 
+def shortest(text, tie):
+    """Places of an axis A that rolls over and goes the shortest way; half a turn goes the way of `tie`."""
+    at, found = 0.0, []
+    for word in re.findall(r"A([-+]?[\d.]+)", re.sub(r"\(.*?\)", "", text)):
+        way = (float(word) - at) % 360.0
+        at += way - 360.0 if way > 180.0 + 1e-9 or (tie < 0 and abs(way - 180.0) < 1e-9) else way
+        found.append(at)
+    return found
+
+
+@pytest.mark.parametrize("side", ["both", "+", "-"])
+@pytest.mark.parametrize("back", [180.0, 179.999, 179.98, 179.95, 179.949, 179.9])
+def test_near_half_a_turn_it_goes_the_way_round_that_it_went(back, side):
+    """With the offset of its last move it would have been a little more than half a turn, and gone the other way."""
+    cut = "G1 Z-1. F300.\nX{}.\nG0 Z5.\n"
+    turns = [
+        f"G0 A{place:.3f}\n" + cut.format(n % 2) for n, place in enumerate((0.0, 40.0, 40.0 - back, 30.0, 30.0 + back))
+    ]
+    text = HEAD.replace("0 Y0 Z5", "0. Y0. Z5.") + "".join(turns) + "M30\n"
+    made = compensated(text, machine(dialect="fanuc", side=side)).program().decode()
+    assert made != text
+    for tie in (1, -1):
+        ways = iter(shortest(made, tie))
+        assert all(any(abs(one - place) < 0.11 for one in ways) for place in shortest(text, tie))
+    assert (
+        comes_past(places(made.encode(), {"A": 0.05}, {"both": 0, "+": 1, "-": -1}[side]), places(text.encode()))
+        is None
+    )
+
+
 @pytest.mark.parametrize(
     ("dialect", "setting"), [("linuxcnc", "WRAPPED_ROTARY"), ("fanuc", "parameter 1008"), ("grblhal", "")]
 )
