@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_left
+from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from itertools import product
 
@@ -168,6 +169,31 @@ def _check_machine(layer: _Layer, machine: Machine, findings: Findings) -> None:
             findings.add("machine", f"the offset of {letter} is not that of its lost motion", got=str(declared.number))
 
 
+def _changed_numbers(
+    first: Sequence[bytes], second: Sequence[bytes]
+) -> Iterator[tuple[str, tuple[int, int], tuple[bytes, bytes]]]:
+    """Return the letters of numbers that differ in a line, where their words begin in both, and the numbers.
+
+    `first` and `second` are text, letter and number in turn.
+    """
+    one = other = 0
+    for text, name, before, after in zip(first[0::3], first[1::3], first[2::3], second[2::3], strict=False):
+        one, other = one + len(text), other + len(text)
+        if before != after:
+            yield name[:1].decode().upper(), (one, other), (before, after)
+        one, other = one + len(name + before), other + len(name + after)
+
+
+def _value(program: PartProgram, block: int, at: int, number: bytes) -> Decimal:
+    """Return the number of a word that stands `at` bytes behind the begin of its line, as its controller counts it."""
+    words, start = program.words, int(program.lines[block]) + at
+    found = [word for word in program.words_of(block) if words.start[word] == start and words.decimals[word] > 0]
+    if b"." in number or not found:
+        return Decimal(number.decode())
+    # Without a point it counts in increments.
+    return Decimal(number.decode()).scaleb(-int(words.decimals[found[0]]))
+
+
 def _check_lines(original: PartProgram, shifted: PartProgram, layer: _Layer, findings: Findings) -> None:
     """Demand the same bytes but for numbers of declared axes, which differ by an offset or a change of it, exactly."""
     letters = "".join(layer.axes).encode()
@@ -187,12 +213,12 @@ def _check_lines(original: PartProgram, shifted: PartProgram, layer: _Layer, fin
             findings.add("text", what, original=old, compensated=new, expected=quoted(one), got=quoted(other))
             continue
         relative = not shifted.modal_after(new).absolute
-        for name, before, after in zip(first[1::3], first[2::3], second[2::3], strict=True):
-            letter = name[:1].decode().upper()
-            if letter in ACROSS and before != after and old not in holes:
+        for letter, at, (before, after) in _changed_numbers(first, second):
+            if letter in ACROSS and old not in holes:
                 what = f"{letter} is shifted beside the holes of drilling cycles"
                 findings.add("offset", what, original=old, compensated=new, expected=quoted(one), got=quoted(other))
-            if Decimal(after.decode()) - Decimal(before.decode()) not in carried[letter][relative]:
+            change = _value(shifted, new, at[1], after) - _value(original, old, at[0], before)
+            if change not in carried[letter][relative]:
                 what = f"{letter} is shifted by something other than the declared offset"
                 findings.add("offset", what, original=old, compensated=new, expected=str(layer.axes[letter].number))
     for line in layer.added:

@@ -13,6 +13,7 @@ from ph_post.api.compensated_program import ProgramRequest
 from ph_post.api.further_axes import shifted_job
 from ph_post.api.inputs import program_in
 from ph_post.compensate.options import PlanOptions
+from ph_post.dialects.reading import read_as
 from ph_post.drive.machinefile import machine_of
 from ph_post.edit.edits import EditOptions
 from ph_post.errors import InputError
@@ -320,6 +321,25 @@ def test_where_a_control_may_turn_either_way_nothing_is_guessed():
     result = compensated(text, machine(dialect="fanuc"))
     assert b"A200." in result.program()
     assert any("either way round" in one for one in result.warnings)
+
+
+def test_words_that_count_in_increments_are_shifted_in_degrees():
+    text = (
+        "G21\nG90\nG0 X0 Y0 Z5000\nG0 A0\nG1 Z-1000 F300\nX10000\nG0 Z5000\nA90000\nG1 X0\nG0 A45000\nG1 X9000\nM30\n"
+    )
+    result = compensated(text, machine(dialect="fanuc"))
+    row = next(one for one in result.axis_reversals if one.axis == "A")
+    assert row.compensated == row.all == 1
+    counted = re.sub(
+        r"([XYZA]-?\d+)(?![\d.])", lambda word: f"{word[1][0]}{int(word[1][1:]) / 1000:.3f}", result.program().decode()
+    )
+    plain = re.sub(r"([XYZA]-?\d+)(?![\d.])", lambda word: f"{word[1][0]}{int(word[1][1:]) / 1000:.3f}", text)
+    assert comes_past(places(counted.encode(), {"A": 0.05}), places(plain.encode())) is None
+    for wrong in ("A90.02", "A90025", "A90.25"):
+        broken = result.program().replace(b"A90.025", wrong.encode())
+        program = read_as("fanuc", text.encode(), "a.nc")
+        verdict = verify_shifted(program, read_as("fanuc", broken, "b.nc"), machine(dialect="fanuc"))
+        assert verdict.ok == (wrong == "A90025")
 
 
 def shortest(text, tie):
