@@ -148,6 +148,8 @@ class BlockRunner:
                 machine.path_words = " ".join(
                     f"{letter.upper()}{number_text(words[letter], self.decimals)}" for letter in "pq" if letter in words
                 )
+            elif group == "feed_mode" and code != 930:
+                machine.feed = 0.0  # without an F beside it
             if group is not None:
                 machine.modes[group] = code
         if "f" in words and machine.modes["feed_mode"] != 930:

@@ -59,6 +59,12 @@ class WorkOffsets:
     def _system(self, code: int | None = None) -> int:
         return 5221 + 20 * _SYSTEMS.index(self._machine.modes["system"] if code is None else code)
 
+    @property
+    def named(self) -> bool | None:
+        """Whether an offset of G92 or G52 is in force, which M72 restores; None where that is not known."""
+        applied = self._store.number(5210)
+        return None if math.isnan(applied) else applied != 0.0
+
     def total(self, axis: str) -> float:
         """Return what the machine's coordinate of an axis has besides that of the program."""
         return UNKNOWN if axis in "xy" and self._turn() != 0.0 else self._base(axis) + self._shift(axis)

@@ -36,7 +36,7 @@ class SavedStates:
     def _state(self) -> tuple[dict[str, int], tuple[object, ...]]:
         machine = self._blocks.machine
         other = (machine.feed, machine.speed, machine.spindle, machine.mist, machine.flood, machine.path_words)
-        return dict(machine.modes), other
+        return dict(machine.modes), (*other, self._blocks.offsets.named)
 
     def order(self, order: int, depth: int) -> None:
         """Obey M70 to M73."""
@@ -60,14 +60,16 @@ class SavedStates:
 
     def _restore(self, depth: int) -> None:
         machine = self._blocks.machine
-        modes, (feed, speed, spindle, mist, flood, path_words) = self._kept[depth]
+        modes, (feed, speed, spindle, mist, flood, path_words, named) = self._kept[depth]
         lines = []
         if modes["units"] != machine.modes["units"]:
             if modes["units"] == 0:
                 raise NotExpandableError("M72 behind the program's first G20 or G21: the units before are not known")
             lines.append(f"G{modes['units'] / 10:g}")
         words = []
-        for letter, kept, now, decimals in (("F", feed, machine.feed, 1), ("S", speed, machine.speed, 0)):
+        # G94 and G95 end the F in force, and that of G93 is another.
+        own = machine.feed if modes["feed_mode"] == machine.modes["feed_mode"] else None
+        for letter, kept, now, decimals in (("F", feed, own, 1), ("S", speed, machine.speed, 0)):
             if isinstance(kept, float) and not math.isnan(kept) and kept != now:
                 words.append(f"{letter}{kept:.{decimals}f}")
         words += [f"G{modes[group] / 10:g}" for group in _ORDER if modes[group] != machine.modes[group]]
@@ -78,6 +80,10 @@ class SavedStates:
             words.append(f"G{path / 10:g}" + (f" {path_words}" if path == 640 and path_words else ""))
         if words:
             lines.append(" ".join(words))
+        if named != self._blocks.offsets.named:
+            if named is None:
+                raise NotExpandableError("M72 behind the program's first G92: whether one was in force is not known")
+            lines.append("G92.3" if named else "G92.2")
         if spindle != machine.spindle:
             lines.append(f"M{spindle or 5}")
         current = _coolant(machine.mist, machine.flood)

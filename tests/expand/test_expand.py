@@ -68,6 +68,7 @@ def fault_of(text, folders=None):
         ("G98 G81 X1 Z-1 R1 F90\n", 1, "Z is not known"),
         ("/#1=5\nG0 X#1\n", 1, "slash"),
         ("M72\n", 1, "without M70"),
+        ("G21 G90\nM70\nG92 X0\nM72\n", 4, "whether one was in force"),
         ("%\n#1=1\n% led on\nG0 X#1\n%\n", 3, "text behind a percent sign"),
         ("%\n#1=1\n%(led on)\nG0 X#1\n%\n", 3, "text behind a percent sign"),
         ("o1 sub\no2 sub\no2 endsub\no1 endsub\no1 call\n", 2, "within a subprogram"),
