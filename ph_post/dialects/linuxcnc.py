@@ -27,6 +27,9 @@ from ph_post.types import Array, Machine
 _DECIMALS = 6
 """1 nm: below the resolution of any scale, and in the deepest dips still a small part of a block."""
 
+_MAX_LINE = 251
+"""Its interpreter reads 253 characters of a line with the end, which may be of two, and stops at a longer one."""
+
 _USERS = [number for number in range(100, 200) if codes.M_EFFECT[number] != codes.STAYS]
 """M words that run a file of that name while the machine waits, and can be given no other meaning; the interpreter goes
 on from the place where it was ("M-Codes", M100-M199; "Remap: Extending G-Code"). What the file does to the machine,
@@ -173,7 +176,7 @@ def _pins(machine: Machine, axes: Sequence[str], gauge: bool) -> list[tuple[str,
 
 DIALECT = Dialect(
     name="linuxcnc",
-    syntax=Syntax(opening=metric_opening, closing=("M2",), max_line=255, path_mode=_path_mode),
+    syntax=Syntax(opening=metric_opening, closing=("M2",), max_line=_MAX_LINE, path_mode=_path_mode),
     abilities=Abilities(
         cubic=CubicAbility(deviation=spline_deviation, pieces=2 * _SPANS),
         # Under G93 LinuxCNC computes no feed for a G5: the rate of the block before stays in force.

@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from support.canon import needs_rs274, run_rs274
 from support.editing import Compensated, compensate, with_edits
 from support.part_programs import distances, samples
 from support.reference_player import interpret
@@ -306,6 +307,22 @@ def test_a_line_that_comes_out_too_long_is_refused() -> None:
     text = START + "G1X10" + " " * 62 + "F60\nX0\nM2\n"
     with pytest.raises(InputError, match="a line comes out too long for grbl"):
         compensate(text.encode(), STEPPER, dialect="grbl")
+
+
+@needs_rs274
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_no_line_comes_out_longer_than_linuxcnc_reads(end: str) -> None:
+    written = 0
+    for size in range(244, 254 - len(end)):
+        text = (START + f"G1 X10 F60 ({'c' * (size - 13)})\nX0\nM2\n").replace("\n", end)
+        assert run_rs274(text).refusal == ""
+        try:
+            found = compensate(text.encode(), STEPPER, dialect="linuxcnc")
+        except InputError:
+            continue
+        assert run_rs274(found.text.decode()).refusal == ""
+        written += 1
+    assert written >= 3
 
 
 @pytest.mark.parametrize("dialect", ["grbl", "marlin"])
