@@ -18,7 +18,7 @@ from ph_post.expand.roughing import TURNING
 from ph_post.expand.tools import ToolShape
 from ph_post.expand.turning_cycles import ProfileBlock, belongs_to_cycle, turning_cycle
 from ph_post.expand.values import UNKNOWN, Store
-from ph_post.expand.writing import number_text
+from ph_post.expand.writing import LONGEST, number_text
 
 _SETTING: Final = (100, 280, 281, 300, 301, 520, 920, 921, 922, 923)
 """G words that take axis words for something else than a motion in the mode in force."""
@@ -304,9 +304,15 @@ class BlockRunner:
         if polar:
             texts += self._polar(values)
         texts = self._center(line, values, texts)
-        texts += self._comments(line, keep=keep)
-        if texts:
-            self.lines.append(("/" if line.optional else "") + " ".join(texts))
+        self._append(texts, self._comments(line, keep=keep), "/" if line.optional else "")
+
+    def _append(self, texts: list[str], comments: list[str], begin: str) -> None:
+        """Add a line of words and comments; these stand before it where it would be longer than LinuxCNC reads."""
+        whole = begin + " ".join([*texts, *comments])
+        if texts and comments and len(whole) > LONGEST:
+            self.lines += [begin + " ".join(comments), begin + " ".join(texts)]
+        elif texts or comments:
+            self.lines.append(whole)
 
     def _text(self, word: LineWord, value: float) -> str:
         return number_text(value, 1 if word.letter in "gm" else self.decimals)

@@ -20,6 +20,9 @@ from ph_post.version import package_version
 DECIMALS: Final = 9
 """Decimals of lengths: what is added up in increments is off by less than 1 nm after a thousand of them."""
 
+LONGEST: Final = 251
+"""Characters of a line for LinuxCNC: it reads 253 with the end, and runs what a comment says before the words."""
+
 _WIDTH: Final = 110
 
 Spoken: TypeAlias = Literal["linuxcnc", "siemens", "heidenhain"] | FanucNumbers

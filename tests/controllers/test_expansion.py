@@ -87,6 +87,17 @@ def test_expressions_are_worth_what_linuxcnc_says():
 
 
 @needs_rs274
+@pytest.mark.parametrize("size", [225, 240, 250])
+def test_no_line_comes_out_longer_than_linuxcnc_reads(size):
+    comment = "c" * (size - 33)
+    lines = ["G21 G90 F100", "#1=0.333333333", f"G1 X[#1*3.1] Y[#1/7] Z#1 ({comment})", f"X[#1] (print,#1 {comment})"]
+    data = "\n".join([*lines, "M2", ""]).encode()
+    before = interpret(data)
+    assert before.refusal == ""
+    assert difference(before, interpret(expand(data, "a.ngc").data)) == ""
+
+
+@needs_rs274
 def test_what_the_interpreter_refuses_is_refused():
     for line in (
         "G0 X[1/0]",
