@@ -21,6 +21,7 @@ from ph_post.edit.further_write import FurtherRequest, write_further
 from ph_post.edit.hole_edits import HolePlan, plan_holes
 from ph_post.edit.undo import original_of
 from ph_post.edit.window_plans import shifts_axes
+from ph_post.edit.write import LongLinesError
 from ph_post.errors import InputError
 from ph_post.expand.writing import SHIFTED
 from ph_post.files.storage import SourceBytes
@@ -140,17 +141,21 @@ def shifted_job(
     found = ShiftedJob(job=base, plans=tuple(plans), holes=drilled, warnings=tuple(said), original=base)
     if same and not request.force:
         return msgspec.structs.replace(found, job=program, done=True)
-    data = write_further(base, plans, dialect, wanted, drilled)
-    if data == base.data:
-        return found
-    origins = shifted_origins(data, base.data)
-    own = origins if origins is None or base.origins is None else base.origins[origins]
-    after = msgspec.structs.replace(reread(base, data), origins=own)
-    verdict = verify_shifted(base, after, machine)
-    if verdict.ok:
-        return msgspec.structs.replace(found, job=found.told(after), changed=True)
+    try:
+        data = write_further(base, plans, dialect, wanted, drilled)
+    except LongLinesError:
+        why = f"a line would be too long for {dialect.name}"
+    else:
+        if data == base.data:
+            return found
+        origins = shifted_origins(data, base.data)
+        own = origins if origins is None or base.origins is None else base.origins[origins]
+        after = msgspec.structs.replace(reread(base, data), origins=own)
+        verdict = verify_shifted(base, after, machine)
+        if verdict.ok:
+            return msgspec.structs.replace(found, job=found.told(after), changed=True)
+        why = f"the program does not pass its own check: {verdict.failures[0].sentence()}"
     names = ", ".join(plan.axis.name for plan in (*plans, *drilled.axes))
-    why = f"the program does not pass its own check: {verdict.failures[0].sentence()}"
     return ShiftedJob(job=base, warnings=(*said, f"axes {names} not compensated: {why}"))
 
 

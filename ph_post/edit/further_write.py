@@ -18,7 +18,7 @@ from ph_post.edit.changes import Change
 from ph_post.edit.further_edits import AddedMoves, FurtherAxisPlan
 from ph_post.edit.hole_edits import HolePlan
 from ph_post.edit.word_shifts import ShiftedWords, assemble
-from ph_post.edit.write import HASH_DIGITS, head_line, join_lines, shifted_numbers
+from ph_post.edit.write import HASH_DIGITS, check_lines, head_line, join_lines, shifted_numbers
 from ph_post.expand.writing import SHIFTED, Written
 from ph_post.gcode.numbers import comment_lines, decimal_text
 from ph_post.gcode.program import PartProgram
@@ -63,6 +63,8 @@ def write_further(
     ------
     InputError
         Where a number has too many digits.
+    LongLinesError
+        Where lines come out too long for the dialect.
     """
     holes = HolePlan() if holes is None else holes
     across = holes.axes if holes.changed else ()
@@ -89,7 +91,7 @@ def write_further(
     at = np.append(program.lines[:-1], len(data))[places]
     sizes = np.append(0, np.cumsum([len(text) for text in texts]))
     words = program.words
-    text = assemble(
+    made = assemble(
         np.frombuffer(data, np.uint8),
         words.start[word] + 1,
         words.end[word],
@@ -97,7 +99,9 @@ def write_further(
         numbers.bounds,
         np.column_stack([at, at, sizes[:-1], sizes[1:]]).astype(np.int64),
         np.frombuffer(b"".join(texts), np.uint8),
-    ).tobytes()
+    )
+    check_lines(program, made, dialect)
+    text = made.tobytes()
     kept = Written(original=program.data, digest=hashlib.sha256(text).hexdigest())
     return SHIFTED.add(text, kept, end.encode(), style)
 

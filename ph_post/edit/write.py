@@ -322,7 +322,7 @@ def _put_together(program: PartProgram, pieces: list[Any], dialect: Dialect) -> 
     """Put the new text together; the list of its pieces, which are larger, is emptied."""
     out: ByteArray = assemble(*pieces)
     pieces.clear()
-    _check_lines(program, out, dialect)
+    check_lines(program, out, dialect)
     return out.tobytes()
 
 
@@ -359,10 +359,15 @@ def head_line(program: PartProgram) -> int:
     return line
 
 
-def _check_lines(program: PartProgram, out: ByteArray, dialect: Dialect) -> None:
+def check_lines(program: PartProgram, out: ByteArray, dialect: Dialect) -> None:
     """Refuse lines longer than both the dialect's limit and the program's longest.
 
     Comments do not count where the program's own lines are longer than the limit, or the controller throws them away.
+
+    Raises
+    ------
+    LongLinesError
+        For the first of them.
     """
     limit, most = dialect.syntax.max_line, longest_line(program, dialect)
     counts = dialect.syntax.counts_comments and most == limit + len("\r\n")

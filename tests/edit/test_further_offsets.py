@@ -422,3 +422,16 @@ def test_a_program_for_another_machine_is_refused_in_one_line():
     with pytest.raises(InputError, match="compensated before"):
         ph.compensate(read_program(after, "b.ngc"), machine(dialect="grbl"))
     assert stepper().further == {}
+
+
+def test_no_line_comes_out_longer_than_linuxcnc_reads():
+    """It reads 253 characters with the end: an axis that would make a line longer is left and named."""
+    named = 0
+    for size in range(244, 253):
+        line = f"G1 X20 A20 F600 ({'c' * (size - 18)})"
+        text = f"G21 G90 G64 P0.01\nG0 X0 Y0 Z5 A0\nG0 A10\nG1 Z-1 F200\n{line}\nG1 A15\nG1 X0\nG0 Z5\nM2\n"
+        result = ph.compensate(read_program(text.encode(), "a.ngc"), machine())
+        made = result.program()
+        assert max(len(one) for one in made.splitlines(keepends=True)) <= 253
+        named += any("axes A not compensated: a line would be too long for linuxcnc" in one for one in result.warnings)
+    assert 1 <= named <= 6
