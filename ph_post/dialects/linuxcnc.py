@@ -197,6 +197,7 @@ DIALECT = Dialect(
         # Mach3's word, which a machine of LinuxCNC has only where its owner has given it (REMAP).
         skips=True,
         threads=True,
+        spindles=True,
     ),
 )
 """The LinuxCNC dialect."""

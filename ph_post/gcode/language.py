@@ -20,6 +20,13 @@ if TYPE_CHECKING:
     from ph_post.gcode.program import PartProgram, WordTable
 
 
+_SPINDLE = re.compile(rb"\$[ \t]*(?:0+|-[ \t]*1)(?![ \t]*[\d.])")
+"""The first spindle, and all of them, which M and S mean without it, too (LinuxCNC, "M3, M4, M5")."""
+_SPINDLE_LINE = re.compile(
+    rb"^(?:[ \t/]|[NMS][ \t]*[\d.]+|" + _SPINDLE.pattern + rb")+(?=[;(\r\n]|\Z)", re.IGNORECASE | re.MULTILINE
+)
+
+
 class Spelling(Protocol):
     """Writes blocks of a language whose motions are no RS274 words."""
 
@@ -98,6 +105,8 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         Whether G31 moves the axes that it names, and no others, up to a signal.
     threads : bool
         Whether G33 is a straight move of so much a turn of the spindle along its way as K says.
+    spindles : bool
+        Whether a ``$`` beside M and S alone says which spindle is meant; without it that is ``$0``.
     macros : bool
         Whether a line may begin with the name of a macro, which does what its owner wants.
     cycles_apart : bool
@@ -134,6 +143,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     contours: bool = False
     skips: bool = False
     threads: bool = False
+    spindles: bool = False
     macros: bool = False
     cycles_apart: bool = False
     effects: Mapping[int, int] = {}
@@ -171,6 +181,8 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
 
     def hidden(self, data: bytes) -> bytes:
         """Return a program's text as the reader of RS274/NGC is to have it."""
+        if self.spindles and b"$" in data:
+            data = _SPINDLE_LINE.sub(lambda line: _SPINDLE.sub(lambda one: b" " * len(one[0]), line[0]), data)
         return data if self.hide is None else self.hide(data)
 
     def m_effect(self) -> NDArray[np.int8]:
@@ -218,5 +230,5 @@ def _without(hide: Callable[[bytes], bytes], commands: re.Pattern[bytes], data: 
     return hide(blanked(commands, data))
 
 
-RS274 = Language()
+RS274 = Language(spindles=True)
 """RS274/NGC itself."""

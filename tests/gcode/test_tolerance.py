@@ -281,3 +281,32 @@ def test_a_few_zero_bytes_spoil_their_lines_alone():
 def test_what_a_note_shows_steers_no_terminal():
     program = read("G1 X5 ) \x1b[2J\nM2\n")
     assert [note.what for note in program.notes] == ["closing parenthesis of no comment: ) ?[2J"]
+
+
+def spindle_lines(*lines):
+    """Return what is not understood of lines between two moves, by LinuxCNC's reader and Grbl's."""
+    text = HEAD + "".join(f"{line}\n" for line in lines) + "X5\nM2\n"
+    return [[note.what for note in read_as(name, text.encode(), "a.ngc").notes] for name in ("linuxcnc", "grbl")]
+
+
+@pytest.mark.parametrize("line", ["M3 $0 S1", "M5 $0", "m3$0s1.5", "N5 M5 $-1 (off)", "M5 $ 0 ;off", "S20 $-1"])
+def test_the_first_spindle_and_all_of_them_are_what_is_meant_without_a_number(line):
+    """A plasma's screen writes M3 $0 S1 for its torch, behind which no place is lost; Grbl refuses it."""
+    linuxcnc, grbl = spindle_lines(line)
+    assert not linuxcnc
+    assert len(grbl) == 1
+    program = read_as("linuxcnc", f"{HEAD}{line}\nG91 X4\nM2\n".encode(), "a.ngc")
+    np.testing.assert_allclose(places(program, "end"), [5.0, 0.0, 0.0])
+
+
+@needs_rs274
+def test_linuxcnc_moves_on_behind_a_spindle_s_number():
+    canon = run_rs274(f"{HEAD}M3 $0 S1\nX4 Y1\nM5 $-1\nX7\nM2\n")
+    assert not canon.refusal
+    assert canon.moves[-1].numbers[:3] == [7.0, 1.0, 0.0]
+
+
+@pytest.mark.parametrize("line", ["M3 $1 S1", "M3 $0 X9", "M5 $-2", "M5 $0.5", "M5 $0 $1", "M62 P0 $0", "M5 $#1"])
+def test_other_spindles_and_words_beside_them_stay_named(line):
+    linuxcnc, _ = spindle_lines(line)
+    assert len(linuxcnc) == 1
