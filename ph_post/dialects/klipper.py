@@ -6,7 +6,8 @@ which does nothing, and refuses G20. G2, G3 and G17 to G19 are there only where 
 section [gcode_arcs], which few have and which draws them in chords of its `resolution`, 1 mm
 (`klippy/extras/gcode_arcs.py`, which takes no R and no arcs under G91): so curves are written as chords
 within the tolerance asked for. G5, G40, G49, G54, G61, G64, G80, G91.1, G93, G94 and M2 are unknown, and F
-would be mm/min whatever they say. `klippy/gcode.py` takes one command a line, and only `;` begins a comment.
+would be mm/min whatever they say. `klippy/gcode.py` takes one command a line, which a line feed alone ends,
+and only `;` begins a comment.
 G4 (`klippy/toolhead.py`): P in milliseconds, no S; the axes stand still in it. G0 is G1: it moves at F, which
 has to be positive. `Move` and `LookAheadQueue` there have the rule of corners and the look-ahead, `ToolHead` the
 defaults: square corner velocity 5 mm/s, half of the acceleration as accel-to-decel; one velocity and acceleration
@@ -17,6 +18,7 @@ also lift and park the head.
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from ph_post.dialects.base import Abilities, Dialect, DwellWords, Notices, NumberFormat, Syntax
@@ -35,6 +37,24 @@ _ASSUMED: Final = (
     " correction that bends the path",
     "fan, spindle and heaters are not touched",
 )
+
+
+_LONE: Final = re.compile(rb"\r(?=[^\r\n])")
+
+
+def _why_it_stays(data: bytes) -> str:
+    r"""Return why no line of a program can be changed, in words; empty where lines can be.
+
+    Examples
+    --------
+    >>> _why_it_stays(b"G90\rM83\n"), _why_it_stays(b"G90\r\r\nM83\r\n")
+    ('line 1 ends in a carriage return alone, behind which Klipper reads on as in the same line', '')
+    """
+    found = _LONE.search(data)
+    if found is None:
+        return ""
+    number = data.count(b"\n", 0, found.start()) + 1
+    return f"line {number} ends in a carriage return alone, behind which Klipper reads on as in the same line"
 
 
 def _opening(plane: str) -> tuple[str, ...]:
@@ -73,6 +93,7 @@ DIALECT = Dialect(
         feed_known=False,
         bound=why_bound,
         macros=True,
+        stays=_why_it_stays,
     ),
 )
 """The Klipper dialect."""

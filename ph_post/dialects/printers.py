@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from ph_post.gcode.lexer import DOUBTED
-from ph_post.gcode.numbers import blanked
+from ph_post.gcode.numbers import LINE_START, blanked
 
 _LINE: Final = re.compile(rb"[^\r\n]+")
 _COMMAND: Final = re.compile(
@@ -39,17 +39,17 @@ _TEXT_BEHIND: Final = re.compile(rb"\([^()Ff]*\)[ \t]*$")
 """Text in parentheses behind a command. Where Marlin takes its letters for parameters the axes may go anywhere, but no
 mode changes: a command begins the line, and no feed is named."""
 
-_MARKER: Final = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?M0*808(?!\d)", re.MULTILINE)
+_MARKER: Final = re.compile(LINE_START + rb"M[ \t]*0*808(?!\d)")
 """Markers of loops, M808 L5 to M808 (Marlin, "M808 - Repeat Marker")."""
 
-_LOOP: Final = re.compile(rb"^[ \t]*while\b", re.MULTILINE)
+_LOOP: Final = re.compile(LINE_START + rb"while\b")
 """A loop of RepRapFirmware (Duet3D, "GCode Meta Commands"), whose programs are read as Marlin's."""
 
-_FIRST_TOOL: Final = re.compile(rb"^[ \t]*T0+[ \t]*(?=[;\r\n]|\Z)", re.MULTILINE)
+_FIRST_TOOL: Final = re.compile(rb"(?<![^\r\n])[ \t]*T0+[ \t]*(?=[;\r\n]|\Z)")
 """The first tool, without more words. Marlin has it from the start, and a tool that it has already is not changed
 (tool_change.cpp); in Klipper T0 is whatever a macro of that name does."""
 
-_OTHER_TOOL: Final = re.compile(rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Tt][ \t]*(?!0+(?!\d))[\w?]", re.MULTILINE)
+_OTHER_TOOL: Final = re.compile(LINE_START + rb"[Tt][ \t]*(?!0+(?!\d))[\w?]")
 """Any other tool, after which the first one is changed to."""
 
 _READ: Final = frozenset((b"G0", b"G1", b"G2", b"G3", b"G4", b"G17", b"G20", b"G21", b"G90", b"G91", b"G92", b"G28"))
@@ -99,7 +99,7 @@ SHOWING: Final = 3
 
 _DISTANCES: Final = re.compile(rb"[ \t]*(?:[Nn]\d+[ \t]*)?[Gg][ \t]*0*9([01])(?![\d.])")
 _MOVING: Final = re.compile(rb"[ \t]*(?:N\d+[ \t]*)?G[ \t]*0*[0-3](?![\d.])(.*)")
-_ARC: Final = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?G[ \t]*0*[23](?![\d.])", re.MULTILINE | re.IGNORECASE)
+_ARC: Final = re.compile(LINE_START + rb"G[ \t]*0*[23](?![\d.])", re.IGNORECASE)
 _PLANE: Final = re.compile(rb"[ \t]*(?:N\d+[ \t]*)?G[ \t]*0*1[789](?![\d.])")
 _PLACED: Final = re.compile(rb"([XYZIJF])[ \t]*([-+]?(?:\d{1,9}(?:\.\d*)?|\.\d+))")
 
@@ -232,8 +232,10 @@ def _shows_plane(data: bytes, begin: int) -> bool:
 
 def why_bound(line: bytes) -> str:
     """Return why the motion of a line cannot be divided, in words; empty where it can."""
-    command = line.partition(b";")[0]
-    return "extrudes (E), and is not divided without M82 or M83 before it" if _EXTRUDED.search(command) else ""
+    words = _EXTRUDED.findall(line.partition(b";")[0])
+    if len(words) > 1:
+        return "has two E words, and is not divided"
+    return "extrudes (E), and is not divided without M82 or M83 before it" if words else ""
 
 
 def _repeated(data: bytes) -> tuple[int, int]:

@@ -22,7 +22,7 @@ import numpy as np
 
 from ph_post.dialects.printers import returns
 from ph_post.gcode.motion_parts import chord_lengths
-from ph_post.gcode.numbers import decimal_text
+from ph_post.gcode.numbers import LINE_START, decimal_text
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Array, IntArray
 from ph_post.units import MM
@@ -48,10 +48,10 @@ _ROOM: Final = 100
 
 _WORD: Final = re.compile(rb"[Ee][ \t]*(" + _NUMBER + rb")")
 _MODES: Final = frozenset(("M82", "M83", "G90", "G91"))
-_NAMES_MODE: Final = re.compile(rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Mm]0*8[23](?![\d.])", re.MULTILINE)
-_COMMAND: Final = re.compile(
-    rb"^[ \t]*(?:[Nn]\d+[ \t]*)?([Gg]0*(?:[0-3]|9[012])|[Mm]0*8[23])(?![\d.])([^\r\n;]*)", re.MULTILINE
-)
+_NAMES_MODE: Final = re.compile(LINE_START + rb"[Mm][ \t]*0*8[23](?![\d.])")
+_COMMAND: Final = re.compile(LINE_START + rb"([Gg][ \t]*0*(?:[0-3]|9[012])|[Mm][ \t]*0*8[23])(?![\d.])([^\r\n;]*)")
+_MODE_INSIDE: Final = re.compile(rb"(?:M[ \t]*0*8[23]|G[ \t]*0*9[01])(?![\d.])", re.IGNORECASE)
+"""A word that may set what E words are, wherever it stands in a line."""
 
 
 class Filament(msgspec.Struct, frozen=True, kw_only=True):
@@ -197,6 +197,8 @@ def filament_of(program: PartProgram) -> Mapping[int, Filament]:
         while passed and line > passed[0][0]:
             unknown = passed.popleft()
             mode.at = None
+            if _may_set(program, unknown[1], unknown[0]):
+                mode = _Mode()
             if macros and unknown == macros[0]:
                 macros.popleft()
                 mode = _shown(program, unknown[0] + 1, macros[0][1] if macros else program.blocks)
@@ -204,11 +206,23 @@ def filament_of(program: PartProgram) -> Mapping[int, Filament]:
         if name[:1] == "M" or name in ("G90", "G91"):
             mode.set(name)
         elif word is not None or not match[2].strip():
-            if name != "G92" and word is not None:
+            # Of two E words nobody knows which is obeyed: 1E-05 is two for a controller that knows no powers of ten.
+            alone = word is not None and _WORD.search(match[2], word.end()) is None
+            if name != "G92" and word is not None and alone:
                 _take(found, mode, line, word[1])
-            certain = word is not None and (name == "G92" or mode.relative is False)
+            certain = alone and (name == "G92" or mode.relative is False)
             mode.at = word[1] if certain and word is not None else None
     return found
+
+
+def _may_set(program: PartProgram, first: int, last: int) -> bool:
+    """Return whether a line that is passed through names, behind another word, what E words are."""
+    for line in range(first, last + 1):
+        code = program.text(line).partition(b";")[0]
+        command = _COMMAND.match(code)
+        if _MODE_INSIDE.search(code, 0 if command is None else command.end(1)) is not None:
+            return True
+    return False
 
 
 def _all_return(program: PartProgram, first: int, last: int) -> bool:
@@ -217,8 +231,8 @@ def _all_return(program: PartProgram, first: int, last: int) -> bool:
 
 
 def _name(command: bytes) -> str:
-    """Name of a command without leading zeros."""
-    return f"{chr(command[0]).upper()}{command[1:].decode().lstrip('0') or '0'}"
+    """Name of a command without blanks and leading zeros."""
+    return f"{chr(command[0]).upper()}{command[1:].decode().strip().lstrip('0') or '0'}"
 
 
 def _take(found: dict[int, Filament], mode: _Mode, line: int, number: bytes) -> None:

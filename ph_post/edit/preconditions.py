@@ -26,6 +26,7 @@ from ph_post.gcode.codes import FAULT
 from ph_post.gcode.further import further_lines
 from ph_post.gcode.lexer import BAD_CHARACTER, NO_LETTER, NO_NUMBER, TEXT
 from ph_post.gcode.motion_parts import chord_lengths, split_cubic
+from ph_post.gcode.numbers import LINE_START
 from ph_post.gcode.paths import without_feed
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, PLANE_AXES, RAPID, PartProgram, feed_runs
 from ph_post.gcode.read import shortened
@@ -157,7 +158,7 @@ _WORK_SYSTEMS: Final = (2.0, 20.0)
 
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)|;[^\r\n]*")
 
-_OWN_ON: Final = re.compile(rb"^[ \t]*M425\b(?![^;\r\n]*F0*\.?0*(?:[^.\d]|$))", re.IGNORECASE | re.MULTILINE)
+_OWN_ON: Final = re.compile(LINE_START + rb"M[ \t]*0*425\b(?![^;\r\n]*F0*\.?0*(?:[^.\d]|\Z))", re.IGNORECASE)
 """M425 of Marlin, but for the one that switches it off."""
 
 

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from ph_post.gcode import codes
-from ph_post.gcode.numbers import blanked
+from ph_post.gcode.numbers import LINE_START, blanked
 from ph_post.types import Array, IntArray
 
 if TYPE_CHECKING:
@@ -221,8 +221,8 @@ def _commands(words: frozenset[int], macros: frozenset[str]) -> re.Pattern[bytes
     numbers, names = ("|".join(map(str, sorted(some))) for some in (words, macros))
     commands = [rf"M0*(?:{numbers})(?![\d.])(?:(?![GMT][ \t]*\d)[^;\r\n])*"] if words else []
     commands += [rf"(?:{names})(?!\w)[^;\r\n]*"] if macros else []
-    line = rf"^[ \t]*(?:N\d+)?[ \t]*(?:{'|'.join(commands)})(?=[;\r\n]|\Z)"
-    return re.compile(line.encode(), re.IGNORECASE | re.MULTILINE)
+    line = rf"(?:{'|'.join(commands)})(?=[;\r\n]|\Z)"
+    return re.compile(LINE_START + line.encode(), re.IGNORECASE)
 
 
 def _without(hide: Callable[[bytes], bytes], commands: re.Pattern[bytes], data: bytes) -> bytes:

@@ -23,6 +23,9 @@ above 127, which Grbl obeys even inside a comment (feed hold, status, cycle star
 COMMENT_WIDTH = 100
 """A comment line is no longer than this for the reader's sake, even where the dialect takes more."""
 
+LINE_START: Final = rb"(?<![^\r\n])[ \t]*(?:[Nn]\d+[ \t]*)?"
+"""Beginning of a line, whose end before it may be a lone carriage return, with its number."""
+
 COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 """A comment in parentheses, also one that does not end, or behind a semicolon."""
 

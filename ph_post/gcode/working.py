@@ -14,14 +14,12 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from ph_post.gcode.numbers import LINE_START
 from ph_post.gcode.program import LINE, RAPID, PartProgram
 from ph_post.types import BoolArray, Tool, sealed, unwritten
 
 _EXTRUDES, _PULLS_BACK = (
-    re.compile(
-        rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Gg]0*[0-3](?![\d.])[^\r\n;E]*E[ \t]*" + sign + rb"[\d.]*[1-9]",
-        re.MULTILINE | re.IGNORECASE,
-    )
+    re.compile(LINE_START + rb"G[ \t]*0*[0-3](?![\d.])[^\r\n;E]*E[ \t]*" + sign + rb"[\d.]*[1-9]", re.IGNORECASE)
     for sign in (rb"[-+]?", b"-")
 )
 

@@ -21,8 +21,12 @@ _OWN = b"GXYZFNIJKRPQ"
 _IS_COMMAND = np.isin(np.arange(256), np.frombuffer(b"MSTO", dtype=np.uint8))
 _DWELL = 4.0
 _EXTRUDED = re.compile(rb"[Ee][ \t]*([-+]?(?:\d+\.?\d*|\.\d+))")
-_RELATIVE = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?M0*8([23])\b", re.IGNORECASE | re.MULTILINE)
-_SET = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?G0*92\b[^\r\n;]*", re.IGNORECASE | re.MULTILINE)
+_BEGIN = rb"(?:\A|(?<=[\r\n]))[ \t]*(?:N\d+[ \t]*)?"
+_RELATIVE = re.compile(_BEGIN + rb"M[ \t]*0*8([23])\b", re.IGNORECASE)
+_PLACED = re.compile(
+    _BEGIN + rb"G[ \t]*0*(?:[0-3]|92)(?![\d.])[^\r\n;(]*E[ \t]*([-+]?(?:\d+\.?\d*|\.\d+))", re.IGNORECASE
+)
+"""Where moves, and what sets it, place the extruder: E of another command is no place, nor of a text."""
 _ROUNDED = re.compile(r"G64 P(\d*\.?\d+)( Q0)?")
 _HALF = 0.5
 """Steps of the last decimal by which a rounding may be above its tolerance."""
@@ -365,7 +369,7 @@ class _Extruder:
         self._read = end
         for mode in _RELATIVE.findall(text)[-1:]:
             self._relative = mode == b"3"
-        for word in _EXTRUDED.findall(COMMENT.sub(b"", text))[-1:]:
+        for word in _PLACED.findall(text)[-1:]:
             self._place = float(word)
         return (0.0 if self._relative else self._place), self._relative
 

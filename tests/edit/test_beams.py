@@ -344,7 +344,7 @@ def laid(text: str, relative: bool) -> list[tuple[np.ndarray, float]]:
         words = dict(re.findall(r"([A-Z])([-+]?[\d.]+)", line))
         if line.startswith("G92"):
             at = float(words["E"])
-        elif words.get("G") in ("0", "1"):
+        elif words.get("G") in ("0", "1", "2", "3"):
             place = np.array([float(words.get("X", place[0])), float(words.get("Y", place[1]))])
             if "E" in words:
                 step = float(words["E"]) if relative else float(words["E"]) - at
@@ -605,6 +605,61 @@ def test_where_e_is_behind_words_that_are_not_understood_is_not_known() -> None:
     text = "G90\nM82\nG92 E0\nG1 X10 E1 F900\nT1\nG1 X0 Y0 F900\nG1 X10 E3\nG1 X0 E4\n"
     program = read_program(text.encode(), "a.gcode", language=find_dialect("marlin").language)
     assert sorted(filament_of(program)) == [3, 7]
+
+
+@pytest.mark.parametrize(
+    ("before", "words", "half"),
+    [
+        ("M83\nG1 X1 E9\rM82\rG92 E0\n", "E1", 0.5),  # a lone carriage return ends a line
+        ("M82\nG1 X1 E9\nM117 E\rG92 E0\r", "E1", 0.5),
+        ("M83\nM 82\nG 92 E0\n", "E1", 0.5),
+        ("M82\nG92 E3\n", "E5", 4.0),
+        ("M82\nG92 E5 E0\n", "E1", None),
+        ("M82\nG1 X1 E5 E0\n", "E1", None),
+        ("M83\n", "E1 E2", None),
+        ("M83\n", "E1E-05", None),
+        ("M83\n", "E1e-05", None),
+        ("M83\nM106 S255 M82\n", "E1", None),
+        ("M83\nG92 E0 M82\n", "E1", None),
+        ("M83\nG1 X2 E1 M82\n", "E1", None),
+        ("M83\nM106 S255 M82\nM83\n", "E1", 0.5),
+        ("M83\nM600 ; M82\n", "E1", 0.5),
+    ],
+    ids=range(14),
+)
+def test_what_a_line_extrudes_is_what_firmware_takes_or_is_not_divided(
+    before: str, words: str, half: float | None
+) -> None:
+    text = f"G90\n{before}G1 X10 {words} F900\n"
+    program = read_program(text.encode(), "a.gcode", language=find_dialect("marlin").language)
+    found = filament_of(program)
+    line = program.blocks - 1
+    assert (line in found) == (half is not None)
+    if half is not None:
+        assert float(found[line].word(0.0, 0.5)[1:]) == pytest.approx(half)
+
+
+@pytest.mark.parametrize("words", ["G92 E0\nM117 done 5\n", "G92 E0\nM203 E120\n", "M117 x\rG92 E0\r", "G 92 E0\n"])
+def test_texts_and_limits_place_no_filament(words: str) -> None:
+    """E of a text, of a limit and of a line behind a lone carriage return is what firmware takes it for."""
+    arc = "G0 X40 Y20 F9000\nG3 X20 Y20 I-10 J0 E1.5 F1800\nG3 X40 Y20 I10 J0 E3\n"
+    text = f"G21\nG90\nM82\nG92 E0\nG0 X40 Y20 Z0.2 F9000\n{6 * (words + arc)}"
+    changed = made(text, stepper(dialect="marlin"))
+    assert changed.count("crossing") > 12
+    plain = re.sub("G 92", "G92", changed)
+    assert laid(plain, relative=False)[-1][1] == pytest.approx(18.0, abs=1e-9)
+    # Nothing goes back in between.
+    amounts = [amount for _, amount in laid(plain, relative=False)]
+    assert amounts == sorted(amounts)
+
+
+def test_no_line_is_changed_where_klipper_reads_on_behind_a_carriage_return() -> None:
+    text = printed(RING, relative=True)
+    assert made(text, stepper(dialect="klipper")) != text
+    for lone in ("M83\rG92 E0\n", "; a\rG91\n"):
+        other = text.replace("M83\nG92 E0\n", lone)
+        assert other != text
+        assert made(other, stepper(dialect="klipper")) == other
 
 
 def test_what_works_where() -> None:
