@@ -1,9 +1,9 @@
 """Read programs for printer firmware: words of slicers beside those that move.
 
 Printer firmware takes one command a line; where a line has several, some obeys the first and some all of them.
-E words drive the extruder, which is no part of the path: they are skipped, and moves that have them are not
-divided. Commands that neither move nor change a mode, by the firmware's documents, are skipped too; all others
-may move: no position is known after them.
+E words drive the extruder, which is no part of the path: they are skipped, and a G0 with one that is not 0 is
+read as a G1, as it lays a bead. Commands that neither move nor change a mode, by the firmware's documents, are
+skipped too; all others may move: no position is known after them.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ _COMMAND: Final = re.compile(
 )
 _NAME: Final = re.compile(rb"[ \t]*([A-Za-z_][A-Za-z0-9_]*)")
 _EXTRUDED: Final = re.compile(rb"[Ee][ \t]*[-+]?[0-9.]*")
+_PUSHES: Final = re.compile(rb"[Ee][ \t]*[-+]?[\d.]*[1-9]")
 _MOVE: Final = re.compile(rb"(?:[ \t]*[A-Za-z][ \t]*[-+]?(?:\d+(?:\.\d*)?|\.\d+))*[ \t]*(?:\*\d+[ \t]*)?")
 _SECOND: Final = re.compile(rb"[GMTgmt][ \t]*\d")
 _SECOND_BESIDE_T: Final = re.compile(rb"[GMgm][ \t]*\d")
@@ -257,7 +258,7 @@ def _passed(line: bytes) -> bytes:
 
 
 _BEADS: Final = re.compile(
-    rb"(?:G[01](?: (?:[XYZ][-+]?(?:\d+(?:\.\d*)?|\.\d+)|E[-+]?(?:\d{1,15}(?:\.\d{0,15})?|\.\d{1,15})"
+    rb"(?:G(?:1|0(?![^\r\n]*E))(?: (?:[XYZ][-+]?(?:\d+(?:\.\d*)?|\.\d+)|E[-+]?(?:\d{1,15}(?:\.\d{0,15})?|\.\d{1,15})"
     rb"|F[1-9]\d*(?:\.\d*)?))+(?:[\r\n]+|\Z))*([^\r\n]*)[\r\n]*"
 )
 """Lines of which all but E is read as it stands, as nearly all of a print, and the line behind them, which takes a
@@ -326,6 +327,9 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
         if not _letters(plain) & set(b"XY"):
             plain = blanked(_TURNS, plain)
     foreign = word in (b"G2", b"G3") and _letters(plain) - set(arcs)
+    if word == b"G0" and _PUSHES.search(rest) is not None:
+        # G0 moves at F as G1 does, and this is no way through the air.
+        code = code[: end - 1] + b"1" + code[end:]
     return code[:end] + plain if _MOVE.fullmatch(plain) and not foreign else _marked(code, b"$@")
 
 

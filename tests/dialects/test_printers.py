@@ -55,6 +55,9 @@ def hidden(line: str, dialect: str) -> str:
 BOTH = [
     ("G1 X1 Y2 E0.5 F600", "G1 X1 Y2      F600"),
     ("G1 E-.8 F2100 ; retract", "G1      F2100"),
+    ("G0 X1 Y2 E0.5 F600", "G1 X1 Y2      F600"),
+    ("N4 G00X1E.5", "N4 G01X1"),
+    ("G0 X1 E0.00", "G0 X1"),
     ("N7 G1 X1 E2*101", "N7 G1 X1   *101"),
     ("G92 E0", ""),
     ("G92 X0 E0", "G92 X0"),

@@ -653,6 +653,19 @@ def test_texts_and_limits_place_no_filament(words: str) -> None:
     assert amounts == sorted(amounts)
 
 
+@pytest.mark.parametrize("dialect", ["marlin", "klipper"])
+@pytest.mark.parametrize("every", [1, 2])
+def test_a_bead_under_g0_is_one_as_under_g1(every: int, dialect: str) -> None:
+    """It was taken for a way through the air, in which an axis may be anywhere: a wall was 83 µm off in place of 58."""
+    beads = [n for n, line in enumerate(printed(BOX, relative=True).splitlines()) if re.match("G1 X.*E", line)]
+    lines = printed([*BOX, *BOX[1:], *BOX[1:]], relative=True).splitlines()
+    fast = [line.replace("G1", "G0") if n >= beads[0] and n % every == 0 else line for n, line in enumerate(lines)]
+    found = [made("\n".join([*some, ""]), stepper(dialect=dialect)) for some in (lines, fast)]
+    plain, other = ([line.replace("G0", "G1") for line in text.splitlines() if line[0] == "G"] for text in found)
+    assert other == plain
+    assert len(other) > len(lines)
+
+
 def test_no_line_is_changed_where_klipper_reads_on_behind_a_carriage_return() -> None:
     text = printed(RING, relative=True)
     assert made(text, stepper(dialect="klipper")) != text
