@@ -27,6 +27,7 @@ from ph_post.edit.preconditions import (
     warn_blocked,
     warn_climbing,
     warn_unknown,
+    why_lifted,
     why_not_editable,
     written_offsets,
 )
@@ -73,6 +74,10 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     said = tuple(side_warnings(machine.axes[name] for name in moved_axes(program)))
     nothing = Edits(runs=no_offsets(program.motions.kind.size), warnings=said)
     axes = [machine.axes[name] for name in AXES if name in machine.axes and may_shift(machine.axes[name])]
+    if (why := why_lifted(program)) and any(axis.name == "Z" for axis in axes):
+        axes = [axis for axis in axes if axis.name != "Z"]
+        said += (f"axis Z not compensated: {why}",)
+        nothing = replace(nothing, warnings=said)
     if not axes or program.motions.kind.size == 0:
         return nothing
     troubles = why_not_editable(program, mixed=True)

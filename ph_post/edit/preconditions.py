@@ -162,6 +162,22 @@ _OWN_ON: Final = re.compile(LINE_START + rb"M[ \t]*0*425\b(?![^;\r\n]*F0*\.?0*(?
 """M425 of Marlin, but for the one that switches it off."""
 
 
+_LIFT: Final = re.compile(LINE_START + rb"M[ \t]*0*207(?!\d)[^;\r\n]*Z[ \t]*\+?[\d.]*[1-9]")
+_RETRACTED: Final = re.compile(LINE_START + rb"G[ \t]*0*10(?![\d.])(?![^;\r\n]*[PR])")
+
+
+def why_lifted(program: PartProgram) -> str:
+    """Return why Z is on no side that a print's words show, as the firmware lifts it by itself; empty where it is.
+
+    G10 lifts it by Z of M207, and G11 comes down (Marlin, "M207").
+    """
+    lift = None if program.language.bound is None else _LIFT.search(program.data)
+    if lift is None or _RETRACTED.search(program.data, lift.end()) is None:
+        return ""
+    line = int(np.searchsorted(program.lines, np.int32(lift.end() - 1), side="right")) - 1
+    return f"by M207 in {program.line_words(line)} the firmware lifts it at each G10 and comes down at G11"
+
+
 def cutting_feed(program: PartProgram, times: Array) -> Array:
     """Feed of every motion [m/s], shape (m,); from chord and time [s] in inverse time; NaN where unknown."""
     motions, found = program.motions, np.array(program.motions.feed)

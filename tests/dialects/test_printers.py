@@ -494,6 +494,32 @@ def test_a_program_that_switches_it_on_is_told(word: str, told: bool) -> None:
     assert any("M425" in one for one in found.edits.warnings) == told
 
 
+@pytest.mark.parametrize(
+    ("lift", "left"),
+    [
+        ("M207 S2 F3000 Z0.4", True),
+        ("m207 s2 z.4", False),  # Marlin knows no small letters, nor whoever wrote them what it does
+        ("M207 S2 F3000", False),
+        ("M207 S2 Z0.00", False),
+        ("M207 S2 ; Z0.4", False),
+    ],
+)
+def test_where_the_firmware_lifts_z_by_itself_z_is_left(lift: str, left: bool) -> None:
+    """On each layer it comes down last, whatever the program says: an offset for the way up was too much by a gap."""
+    box = "G1 X30 Y0 E1 F600\nG1 X30 Y30 E1\nG1 X0 Y30 E1\nG1 X0 Y.4 E1\n"
+    layers = "".join(f"G10\nG1 Z0.{n} F300\nG1 X1 Y1 F3000\nG11\n{box}" for n in (4, 6, 8))
+    text = f"G21\nG90\nM83\n{lift}\nG28\nG1 Z5 F300\nG1 Z0.2\nG1 X0 Y0 F3000\n{box}{layers}"
+    machine = printer()
+    axis = replace(machine.axes["X"], name="Z")
+    found = compensate(
+        text.encode(), replace(machine, axes={**machine.axes, "Z": axis}), dialect="marlin", max_slowdown=ENOUGH
+    )
+    assert np.any(found.edits.offset[:, 0])
+    assert np.any(found.edits.offset[:, 2]) != left
+    said = "axis Z not compensated: by M207 in line 4 the firmware lifts it at each G10 and comes down at G11"
+    assert (said in found.edits.warnings) == left
+
+
 @pytest.mark.parametrize(("words", "stops"), [("", True), (" E1", False)])
 def test_an_extruding_arc_is_not_divided(words: str, stops: bool) -> None:
     text = f"G90\nG1 X-10 Y0 F600\nG1 X10 Y0\nG3 X-10 Y0 I-10 J0{words}\nG1 X0 Y-5\n"
