@@ -43,6 +43,9 @@ mode changes: a command begins the line, and no feed is named."""
 _MARKER: Final = re.compile(LINE_START + rb"M[ \t]*0*808(?!\d)")
 """Markers of loops, M808 L5 to M808 (Marlin, "M808 - Repeat Marker")."""
 
+_KEPT, _BROUGHT_BACK = (re.compile(LINE_START + rb"M[ \t]*0*%d(?!\d)" % number) for number in (120, 121))
+"""Words by which RepRapFirmware keeps its modes and brings them back (Duet3D, "M120"); Marlin's are for endstops."""
+
 _LOOP: Final = re.compile(LINE_START + rb"while\b")
 """A loop of RepRapFirmware (Duet3D, "GCode Meta Commands"), whose programs are read as Marlin's."""
 
@@ -150,9 +153,24 @@ def reader_of(arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], 
             if line.start() >= last:
                 break
             plain[line.start() : line.end()] = _passed(line[0])
+        for line in brought_back(data):
+            plain[line.start() : line.end()] = _marked(line[0].partition(b";")[0], b"$").ljust(len(line[0]))
         return bytes(plain)
 
     return hide
+
+
+def brought_back(data: bytes) -> list[re.Match[bytes]]:
+    r"""Return the lines behind which modes, feed and what E words are may be those of an earlier line, as text.
+
+    Examples
+    --------
+    >>> [line[0] for line in brought_back(b"M121\nM120\nG91\nM121 ; back\n")]
+    [b'M121 ; back']
+    """
+    kept = _KEPT.search(data)
+    found = () if kept is None else _BROUGHT_BACK.finditer(data, kept.end())
+    return [line for one in found if (line := _LINE.match(data, one.start())) is not None]
 
 
 def returns(line: bytes) -> bool:

@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 import msgspec
 import numpy as np
 
-from ph_post.dialects.printers import returns
+from ph_post.dialects.printers import brought_back, returns
 from ph_post.gcode.motion_parts import chord_lengths
 from ph_post.gcode.numbers import LINE_START, decimal_text
 from ph_post.gcode.program import PartProgram
@@ -190,6 +190,8 @@ def filament_of(program: PartProgram) -> Mapping[int, Filament]:
     # of E, but perhaps where it is.
     passed = deque(sorted((note.last, note.first) for note in program.notes))
     macros = deque(own for own in passed if not (keeps or _all_return(program, own[1], own[0])))
+    kept = [own.start() for own in brought_back(program.data)]
+    back = (np.searchsorted(program.lines, kept, side="right") - 1).tolist()
     starts, line = program.lines.tolist(), 0
     for match in _COMMAND.finditer(program.data):
         while starts[line + 1] <= match.start():
@@ -197,7 +199,7 @@ def filament_of(program: PartProgram) -> Mapping[int, Filament]:
         while passed and line > passed[0][0]:
             unknown = passed.popleft()
             mode.at = None
-            if _may_set(program, unknown[1], unknown[0]):
+            if _may_set(program, unknown[1], unknown[0]) or any(unknown[1] <= own <= unknown[0] for own in back):
                 mode = _Mode()
             if macros and unknown == macros[0]:
                 macros.popleft()

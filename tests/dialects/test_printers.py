@@ -369,6 +369,25 @@ def test_numbered_and_checked_lines_are_read(dialect: str) -> None:
     assert (program.motions.end[:, 0] / MM).tolist() == pytest.approx([1.0, 5.0])
 
 
+@pytest.mark.parametrize("dialect", PRINTERS)
+@pytest.mark.parametrize(
+    ("lines", "known"),
+    [
+        ("M120\nG91\nG1 Z5 F600\nM121 ; back\n", False),
+        ("M120\nG91\nG1 Z5 F600\nM121\nG21\nG90\n", True),
+        ("M120\nG91\nG1 Z5 F600\nG90\n", True),
+        ("M121\nM120\n", True),
+    ],
+    ids=range(4),
+)
+def test_behind_modes_that_are_brought_back_none_is_known(lines: str, known: bool, dialect: str) -> None:
+    """M121 of RepRapFirmware brings back those of M120: places behind it were read as steps under G91."""
+    program = read(f"G90\nG1 X0 Y0 F900\n{lines}G1 X50 Y50 F900\nG1 X60\n", dialect)
+    assert (program.motions.block[-1] == program.blocks - 1) == known
+    if known:
+        assert program.motions.end[-1, :2].tolist() == pytest.approx([0.06, 0.05])
+
+
 def test_increments_behind_a_tool_change_need_no_place() -> None:
     motions = read("G91\nG1 X1 F60\nT1\nG1 X2\n").motions
     assert motions.chain.tolist() == [0, 1]

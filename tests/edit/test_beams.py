@@ -624,8 +624,10 @@ def test_where_e_is_behind_words_that_are_not_understood_is_not_known() -> None:
         ("M83\nG1 X2 E1 M82\n", "E1", None),
         ("M83\nM106 S255 M82\nM83\n", "E1", 0.5),
         ("M83\nM600 ; M82\n", "E1", 0.5),
+        ("M83\nM121\n", "E1", 0.5),
+        ("M83\nM120\nM82\nM121\n", "E1", None),
     ],
-    ids=range(14),
+    ids=range(16),
 )
 def test_what_a_line_extrudes_is_what_firmware_takes_or_is_not_divided(
     before: str, words: str, half: float | None
