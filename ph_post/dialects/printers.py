@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from ph_post.gcode.lexer import DOUBTED
-from ph_post.gcode.numbers import LINE_START, blanked
+from ph_post.gcode.numbers import LINE_START, blanked, line_fed
 
 _LINE: Final = re.compile(rb"[^\r\n]+")
 _COMMAND: Final = re.compile(
@@ -49,7 +49,7 @@ _KEPT, _BROUGHT_BACK = (re.compile(LINE_START + rb"M[ \t]*0*%d(?!\d)" % number) 
 _LOOP: Final = re.compile(LINE_START + rb"while\b")
 """A loop of RepRapFirmware (Duet3D, "GCode Meta Commands"), whose programs are read as Marlin's."""
 
-_FIRST_TOOL: Final = re.compile(rb"(?<![^\r\n])[ \t]*T0+[ \t]*(?=[;\r\n]|\Z)")
+_FIRST_TOOL: Final = re.compile(rb"(?m:^)[ \t]*T0+[ \t]*(?=[;\r\n]|\Z)")
 """The first tool, without more words. Marlin has it from the start, and a tool that it has already is not changed
 (tool_change.cpp); in Klipper T0 is whatever a macro of that name does."""
 
@@ -130,6 +130,7 @@ def reader_of(arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], 
     change = partial(_hidden, arcs=arcs, small=small)
 
     def hide(data: bytes) -> bytes:
+        data = line_fed(data)
         first, last = _repeated(data)
         if not small and _OTHER_TOOL.search(data) is None:
             data = blanked(_FIRST_TOOL, data)
@@ -168,6 +169,7 @@ def brought_back(data: bytes) -> list[re.Match[bytes]]:
     >>> [line[0] for line in brought_back(b"M121\nM120\nG91\nM121 ; back\n")]
     [b'M121 ; back']
     """
+    data = line_fed(data)
     kept = _KEPT.search(data)
     found = () if kept is None else _BROUGHT_BACK.finditer(data, kept.end())
     return [line for one in found if (line := _LINE.match(data, one.start())) is not None]

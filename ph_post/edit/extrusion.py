@@ -22,7 +22,7 @@ import numpy as np
 
 from ph_post.dialects.printers import brought_back, returns
 from ph_post.gcode.motion_parts import chord_lengths
-from ph_post.gcode.numbers import LINE_START, decimal_text
+from ph_post.gcode.numbers import LINE_START, decimal_text, line_fed
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Array, IntArray
 from ph_post.units import MM
@@ -130,7 +130,7 @@ def _words_of(program: PartProgram) -> _Words:
     values: list[float] = []
     sets: list[bool] = []
     modes: list[int] = []
-    for match in _COMMAND.finditer(program.data):
+    for match in _COMMAND.finditer(line_fed(program.data)):
         name, word = _name(match[1]), _WORD.search(match[2])
         if name in _MODES:
             modes.append(match.start())
@@ -172,7 +172,7 @@ def shows_places(program: PartProgram) -> bool:
 
     They rise from bead to bead, and as steps they would push out far more filament than any bead has.
     """
-    if _NAMES_MODE.search(program.data):
+    if _NAMES_MODE.search(line_fed(program.data)):
         return False
     words = _words_of(program)
     return _are_places(words.value, words.length)
@@ -193,7 +193,7 @@ def filament_of(program: PartProgram) -> Mapping[int, Filament]:
     kept = [own.start() for own in brought_back(program.data)]
     back = (np.searchsorted(program.lines, kept, side="right") - 1).tolist()
     starts, line = program.lines.tolist(), 0
-    for match in _COMMAND.finditer(program.data):
+    for match in _COMMAND.finditer(line_fed(program.data)):
         while starts[line + 1] <= match.start():
             line += 1
         while passed and line > passed[0][0]:

@@ -26,7 +26,7 @@ from ph_post.gcode.codes import FAULT
 from ph_post.gcode.further import further_lines
 from ph_post.gcode.lexer import BAD_CHARACTER, NO_LETTER, NO_NUMBER, TEXT
 from ph_post.gcode.motion_parts import chord_lengths, split_cubic
-from ph_post.gcode.numbers import LINE_START
+from ph_post.gcode.numbers import LINE_START, line_fed
 from ph_post.gcode.paths import without_feed
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, PLANE_AXES, RAPID, PartProgram, feed_runs
 from ph_post.gcode.read import shortened
@@ -171,8 +171,8 @@ def why_lifted(program: PartProgram) -> str:
 
     G10 lifts it by Z of M207, and G11 comes down (Marlin, "M207").
     """
-    lift = None if program.language.bound is None else _LIFT.search(program.data)
-    if lift is None or _RETRACTED.search(program.data, lift.end()) is None:
+    lift = None if program.language.bound is None else _LIFT.search(line_fed(program.data))
+    if lift is None or _RETRACTED.search(line_fed(program.data), lift.end()) is None:
         return ""
     line = int(np.searchsorted(program.lines, np.int32(lift.end() - 1), side="right")) - 1
     return f"by M207 in {program.line_words(line)} the firmware lifts it at each G10 and comes down at G11"
@@ -414,7 +414,7 @@ def double_compensation(program: PartProgram, dialect: Dialect, machine: Machine
         said = [
             f"{program.line_words(found[0])} switches the controller's own backlash compensation on (M425): {twice}"
         ]
-    if program.language.hide is not None and (own := _OWN_ON.search(program.data)):
+    if program.language.hide is not None and (own := _OWN_ON.search(line_fed(program.data))):
         line = int(np.searchsorted(program.lines, np.int32(own.start()), side="right"))
         said = [f"{program.line_words(line - 1)} sets the controller's own backlash compensation (M425): {twice}"]
     return [*said, *own_setting(dialect, machine)]

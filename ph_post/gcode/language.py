@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from ph_post.gcode import codes
-from ph_post.gcode.numbers import LINE_START, blanked
+from ph_post.gcode.numbers import LINE_START, blanked, line_fed
 from ph_post.types import Array, IntArray
 
 if TYPE_CHECKING:
@@ -227,7 +227,8 @@ def _commands(words: frozenset[int], macros: frozenset[str]) -> re.Pattern[bytes
 
 def _without(hide: Callable[[bytes], bytes], commands: re.Pattern[bytes], data: bytes) -> bytes:
     """Return a text as `hide` has it, with blanks in the place of the lines of some commands."""
-    return hide(blanked(commands, data))
+    text = blanked(commands, line_fed(data))
+    return hide(text)
 
 
 RS274 = Language(spindles=True)

@@ -23,8 +23,10 @@ above 127, which Grbl obeys even inside a comment (feed hold, status, cycle star
 COMMENT_WIDTH = 100
 """A comment line is no longer than this for the reader's sake, even where the dialect takes more."""
 
-LINE_START: Final = rb"(?<![^\r\n])[ \t]*(?:[Nn]\d+[ \t]*)?"
-"""Beginning of a line, whose end before it may be a lone carriage return, with its number."""
+LINE_START: Final = rb"(?m:^)[ \t]*(?:[Nn]\d+[ \t]*)?"
+"""Beginning of a line, with its number, in a text of :func:`line_fed`."""
+
+_LONE: Final = re.compile(rb"\r(?!\n)")
 
 COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 """A comment in parentheses, also one that does not end, or behind a semicolon."""
@@ -39,6 +41,17 @@ def blanked(pattern: re.Pattern[bytes], data: bytes) -> bytes:
     b'G1        X1.'
     """
     return pattern.sub(lambda found: b" " * len(found[0]), data)
+
+
+def line_fed(data: bytes) -> bytes:
+    r"""Return a text of the same length in which a line feed ends each line, also where a carriage return alone does.
+
+    Examples
+    --------
+    >>> line_fed(b"G90\rG91\r\n")
+    b'G90\nG91\r\n'
+    """
+    return _LONE.sub(b"\n", data) if _LONE.search(data) else data
 
 
 def masked(data: bytes) -> bytes:

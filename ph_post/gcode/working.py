@@ -14,7 +14,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.gcode.numbers import LINE_START
+from ph_post.gcode.numbers import LINE_START, line_fed
 from ph_post.gcode.program import LINE, RAPID, PartProgram
 from ph_post.types import BoolArray, Tool, sealed, unwritten
 
@@ -98,7 +98,7 @@ def _lines_with(program: PartProgram, words: re.Pattern[bytes]) -> np.ndarray:
     """Lines that begin with some words of printer firmware, (n,)."""
     if program.language.bound is None:
         return np.zeros(0, dtype=np.int64)
-    starts = np.array([match.start() for match in words.finditer(program.data)], dtype=np.int64)
+    starts = np.array([match.start() for match in words.finditer(line_fed(program.data))], dtype=np.int64)
     return np.searchsorted(program.lines, starts.astype(program.lines.dtype), side="right") - 1
 
 
