@@ -8,15 +8,15 @@ import io
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any, Final, Literal
 
 import msgspec
 
 from ph_post.api.inputs import machine_of_text, read_log
 from ph_post.api.measurements import identify
-from ph_post.batch.folder import require_room
-from ph_post.batch.rows import one_line
+from ph_post.batch.folder import files_below, require_room
+from ph_post.batch.rows import cell_text, one_line, shown_name, text_of_cell
 from ph_post.batch.work import OtherVersionError
 from ph_post.batch.workers import LostJobError, open_workers
 from ph_post.bounds import processors
@@ -24,7 +24,6 @@ from ph_post.drive.machinefile import machine_source
 from ph_post.errors import InputError, OptionsError, PhPostError
 from ph_post.files.storage import (
     BINARY_LOG_ENDINGS,
-    HIDDEN,
     SourceBytes,
     SourceText,
     make_folder,
@@ -225,7 +224,10 @@ class _Fleet:
 
     def begin(self) -> None:
         """Find the logs, and what an earlier run has done; refuse what is bad before any work."""
-        self._names = _logs(self._folder)
+        self._names = sorted(name for name, _ in files_below(self._folder, os.path.realpath(self._place), LOG_ENDINGS))
+        if not self._names:
+            expected = f"files that end in {' '.join(LOG_ENDINGS)}"
+            raise InputError(os.fspath(self._folder), "no logs", expected=expected)
         if os.path.realpath(self._place) == os.path.realpath(self._folder):
             raise InputError(
                 os.fspath(self._place), "the outputs would stand among the logs", expected="another folder"
@@ -252,7 +254,7 @@ class _Fleet:
             self._keys[name] = self._job(name)[1]
         except PhPostError as error:
             return self._refused(name, str(error))
-        rows, target = tuple(self._before.get(one_line(name), ())), self._target(name)
+        rows, target = tuple(self._before.get(shown_name(name), ())), self._target(name)
         there = target.read_bytes() if target.is_file() else None
         mine = there is not None and any(row.output_sha256 == _hash(there) for row in rows)
         if rows and rows[0].key == self._keys[name] and (rows[0].status == "refused" or mine):
@@ -276,10 +278,10 @@ class _Fleet:
             msgspec.structs.replace(
                 row, value=None, stderr=None, drifted="", before=last[0], stderr_before=last[1], **shared
             )
-            for row in self._before.get(one_line(name), ())
+            for row in self._before.get(shown_name(name), ())
             if (last := _last(row))[0] is not None
         ]
-        return tuple(older) or (DriftRow(log=one_line(name), **shared),)
+        return tuple(older) or (DriftRow(log=shown_name(name), **shared),)
 
     def _target(self, name: str) -> Path:
         return (self._place / name).with_suffix(".toml")
@@ -311,11 +313,11 @@ class _Fleet:
         else:
             make_folder(os.fspath(target.parent))
             write_atomically({os.fspath(target): outcome.file})
-            older = {(row.axis, row.parameter): _last(row) for row in self._before.get(one_line(name), ())}
+            older = {(row.axis, row.parameter): _last(row) for row in self._before.get(shown_name(name), ())}
             shared = {
-                "log": one_line(name),
+                "log": shown_name(name),
                 "key": self._keys[name],
-                "output": one_line(os.fspath(target)),
+                "output": shown_name(os.fspath(target)),
                 "output_sha256": _hash(outcome.file.encode()),
             }
             self._rows[name] = tuple(
@@ -331,25 +333,12 @@ class _Fleet:
     def write(self) -> None:
         """Write the table; rows of logs that are still to come are those of the run before."""
         make_folder(os.fspath(self._place))
-        old = {name: tuple(self._before.get(one_line(name), ())) for name in self.left}
+        old = {name: tuple(self._before.get(shown_name(name), ())) for name in self.left}
         rows = {**old, **self._rows}
         text = drift_text([row for name in sorted(rows) for row in rows[name]])
         file = self._place / TABLE
         if not file.exists() or file.read_bytes() != text.encode():
             write_atomically({os.fspath(file): text})
-
-
-def _logs(folder: Path) -> list[str]:
-    """Names of the logs of a folder, and of the folders inside it."""
-    names = [
-        one.relative_to(folder).as_posix()
-        for one in folder.rglob("*")
-        if one.suffix.lower() in LOG_ENDINGS and one.is_file()
-    ]
-    names = sorted(name for name in names if not any(part.startswith(HIDDEN) for part in PurePath(name).parts))
-    if not names:
-        raise InputError(os.fspath(folder), "no logs", expected=f"files that end in {' '.join(LOG_ENDINGS)}")
-    return names
 
 
 def _last(row: DriftRow) -> tuple[float | None, float | None]:
@@ -372,7 +361,9 @@ def drift_text(rows: Sequence[DriftRow]) -> str:
     writer.writerow(HEAD)
     for row in rows:
         cells = (getattr(row, name) for name in HEAD)
-        writer.writerow("" if one is None else f"{one:.9g}" if isinstance(one, float) else one for one in cells)
+        writer.writerow(
+            "" if one is None else f"{one:.9g}" if isinstance(one, float) else cell_text(one) for one in cells
+        )
     return text.getvalue()
 
 
@@ -398,11 +389,12 @@ def read_drift(file: Path) -> list[DriftRow]:
     try:
         return [
             msgspec.convert(
-                {k: float(v) if k in numbers else v for k, v in line.items() if v and k != "change"}, DriftRow
+                {k: float(v) if k in numbers else text_of_cell(v) for k, v in line.items() if v and k != "change"},
+                DriftRow,
             )
             for line in lines
         ]
-    except (ValueError, msgspec.ValidationError) as error:
+    except (TypeError, ValueError, msgspec.ValidationError) as error:
         raise InputError(os.fspath(file), "is no table of ph-post fleet any more", got=one_line(str(error))) from None
 
 

@@ -62,7 +62,7 @@ def plan_batch(folder: Source, machines: Sequence[Machine | Source], place: Sour
     out = require_out(place)
     if os.path.realpath(out) == os.path.realpath(root):
         raise InputError(os.fspath(place), "the outputs would overwrite the inputs", expected="another folder")
-    files = sorted(_programs(root, os.path.realpath(out)))
+    files = sorted(files_below(root, os.path.realpath(out), JOB_ENDINGS))
     if not files:
         raise InputError(os.fspath(folder), "no programs", expected=f"files that end in {' '.join(JOB_ENDINGS)}")
     tasks = [
@@ -107,8 +107,14 @@ _UNFIT: Final = re.compile(r"[^\w.+-]|^\.+")
 """What no folder's name should have."""
 
 
-def _programs(root: Path, out: str) -> Iterator[tuple[str, int]]:
-    """Names and sizes of all programs below a folder, but for hidden ones and what is in the folder of the outputs."""
+def files_below(root: Path, out: str, endings: tuple[str, ...]) -> Iterator[tuple[str, int]]:
+    """Names and sizes of all files of these endings below a folder, but for hidden ones and what is in `out`.
+
+    Raises
+    ------
+    InputError
+        Where a folder cannot be read.
+    """
 
     def refuse(error: OSError) -> None:
         raise InputError(error.filename or os.fspath(root), "cannot be read", got=error.strerror or str(error))
@@ -120,7 +126,7 @@ def _programs(root: Path, out: str) -> Iterator[tuple[str, int]]:
             if not one.startswith(HIDDEN) and os.path.realpath(os.path.join(above, one)) != out  # noqa: PTH118
         )
         for name in names:
-            if name.startswith(HIDDEN) or not name.lower().endswith(JOB_ENDINGS):
+            if name.startswith(HIDDEN) or not name.lower().endswith(endings):
                 continue
             file = Path(above, name)
             try:

@@ -20,7 +20,7 @@ def batch_page(rows: Sequence[BatchRow], missing: int = 0) -> str:
 def _view(row: BatchRow) -> dict[str, Any]:
     left = f"not compensated: {row.not_compensated}" if row.not_compensated else ""
     return {
-        "file": one_line(row.file),
+        "file": row.file,
         "machine": row.machine,
         "status": row.status,
         "before": _micrometres(row.error_gap_before),

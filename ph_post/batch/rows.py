@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -95,6 +97,7 @@ _LENGTHS: Final = (
 )
 _TIMES: Final = ("time_before", "time_after", "seconds")
 _LISTS: Final = ("axes", "warnings")
+_NAMES: Final = ("file", "output")
 _COUNTS: Final = ("reversals", "compensated")
 
 COLUMNS: Final = {
@@ -130,12 +133,56 @@ def _shown(name: str, value: Any) -> Any:
         return round(value / MM if unit == "mm" else value, DECIMALS[unit]) if math.isfinite(value) else None
     if name in _LISTS:
         return [one_line(word) for word in value]
-    return one_line(value) if isinstance(value, str) else value
+    return one_line(value) if isinstance(value, str) and name not in _NAMES else value
 
 
 def one_line(text: str) -> str:
     """Return a text in one line, with a sign in place of each byte of a file's name that is no text."""
     return " ".join(text.encode("utf-8", "replace").decode().split())
+
+
+def shown_name(name: str) -> str:
+    r"""Return the name of a file in one line, another for each: what cannot be shown stands as Python would write it.
+
+    Examples
+    --------
+    >>> print(shown_name("a\nb.ngc"), shown_name("a  b.ngc"), shown_name("b\udce4d.ngc"))
+    a\nb.ngc a  b.ngc b\xe4d.ngc
+    """
+    return "".join(_escaped(letter) for letter in name)
+
+
+def _escaped(letter: str) -> str:
+    if letter.isprintable() and (letter != "\\" or os.sep == "\\"):
+        return letter
+    if letter.isascii():
+        return letter.encode("unicode_escape").decode()
+    code = ord(letter)
+    return f"\\x{code - _BYTE:x}" if 0x80 <= code - _BYTE <= 0xFF else f"\\u{{{code:x}}}"
+
+
+_BYTE: Final = 0xDC00
+"""What Python adds to a byte of a file's name that is no text."""
+
+_SIGNS: Final = "[=+@\uff1d\uff0b\uff0d\uff20-]"
+_FORMULA: Final = re.compile(rf"(^|;)(?='*{_SIGNS})")
+_TEXT: Final = re.compile(rf"(^|;)'(?='*{_SIGNS})")
+
+
+def cell_text(text: str) -> str:
+    """Return a text as a cell of CSV that no spreadsheet takes for a formula, also one that parts cells at semicolons.
+
+    Examples
+    --------
+    >>> cell_text("=1+1.ngc"), cell_text("part.ngc")
+    ("'=1+1.ngc", 'part.ngc')
+    """
+    return _FORMULA.sub(r"\1'", text)
+
+
+def text_of_cell(cell: str) -> str:
+    """Return the text that :func:`cell_text` was given."""
+    return _TEXT.sub(r"\1", cell)
 
 
 def csv_text(rows: Iterable[BatchRow], *, head: bool) -> str:
@@ -146,7 +193,7 @@ def csv_text(rows: Iterable[BatchRow], *, head: bool) -> str:
         writer.writerow(COLUMNS.values())
     for row in rows:
         cells = (SEPARATOR.join(one) if isinstance(one, list) else one for one in row_view(row).values())
-        writer.writerow("" if one is None else one for one in cells)
+        writer.writerow("" if one is None else cell_text(one) if isinstance(one, str) else one for one in cells)
     return text.getvalue()
 
 
@@ -203,7 +250,7 @@ def _row(cells: dict[str, str]) -> BatchRow | None:
     values: dict[str, Any] = {}
     try:
         for field, column in COLUMNS.items():
-            cell = cells.get(column, "")
+            cell = text_of_cell(cells.get(column, ""))
             if field == "share" or not cell:
                 continue
             if field in _LENGTHS or field in _TIMES:

@@ -19,7 +19,7 @@ from ph_post.api.inputs import Source
 from ph_post.api.options import CompensateOptions
 from ph_post.batch.folder import BatchPlan, BatchTask, plan_batch
 from ph_post.batch.page import batch_page
-from ph_post.batch.rows import BatchRow, Status, csv_text, one_line, parquet_content, read_rows
+from ph_post.batch.rows import BatchRow, Status, csv_text, one_line, parquet_content, read_rows, shown_name
 from ph_post.batch.work import BatchJob, convert_job, warm_up
 from ph_post.batch.workers import Bundling, LostJobError, Workers, open_workers
 from ph_post.bounds import processors
@@ -244,7 +244,7 @@ class _Run:
         return None
 
     def _refused(self, task: BatchTask, reason: str, status: Status = "refused") -> BatchRow:
-        found = BatchRow(file=one_line(task.file), machine=task.label, status=status, reason=one_line(reason))
+        found = BatchRow(file=shown_name(task.file), machine=task.label, status=status, reason=one_line(reason))
         return self._with_older(task, found)
 
     def _with_older(self, task: BatchTask, row: BatchRow) -> BatchRow:
@@ -326,7 +326,7 @@ class _Run:
             yield (
                 number,
                 BatchJob(
-                    file=one_line(task.file),
+                    file=shown_name(task.file),
                     label=task.label,
                     source=source,
                     machine=self._plan.machines[task.label],
@@ -424,11 +424,11 @@ def _different(machines: Sequence[Machine]) -> list[Machine]:
 
 
 def _name(task: BatchTask) -> tuple[str, str]:
-    return one_line(task.file), task.label
+    return shown_name(task.file), task.label
 
 
 def _shown(task: BatchTask) -> str:
-    return one_line(os.fspath(task.target))
+    return shown_name(os.fspath(task.target))
 
 
 def _bytes(file: Path) -> bytes | None:

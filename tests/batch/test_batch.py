@@ -381,8 +381,55 @@ def test_names_that_are_no_text_have_a_row(here, tmp_path):
     programs.mkdir()
     Path(os.fsdecode(bytes(programs) + b'/b\xe4d, "q".ngc')).write_text(PART)
     assert batch(programs, tmp_path / "out") == 0
-    assert [name for name, _ in rows_of(tmp_path / "out")] == ['b?d, "q".ngc']
+    assert [name for name, _ in rows_of(tmp_path / "out")] == [r'b\xe4d, "q".ngc']
     assert any(os.fsencode(one.name) == b'b\xe4d, "q".ngc' for one in (tmp_path / "out").iterdir())
+
+
+ALIKE = (
+    b"a b",
+    b"a  b",
+    b"a\nb",
+    b"a\\nb",
+    b"a\tb",
+    b"b\xe4d",
+    b"b\xe5d",
+    "b\xe4d".encode(),
+    "b\x85".encode(),
+    b"b\x85",
+)
+
+
+def test_names_that_look_alike_have_a_row_each(here, tmp_path, capsys):
+    # Of "a b.ngc" and "a  b.ngc" one row was kept, and both were done again in each run.
+    programs, out = tmp_path / "in", tmp_path / "out"
+    programs.mkdir()
+    for name in ALIKE:
+        Path(os.fsdecode(bytes(programs) + b"/" + name + b".ngc")).write_text(PART)
+    assert batch(programs, out) == 0
+    assert f"{len(ALIKE)} results: {len(ALIKE)} compensated\n" in capsys.readouterr().err
+    rows = rows_of(out)
+    assert len(rows) == len({row["output"] for row in rows.values()}) == len(ALIKE)
+    assert len((out / "report.csv").read_text().splitlines()) == len(ALIKE) + 1
+    here.done.clear()
+    assert batch(programs, out) == 0
+    assert here.done == []
+
+
+@pytest.mark.parametrize("sign", ["=", "+", "-", "@", "\uff1d", "'="])
+def test_no_spreadsheet_takes_a_name_for_a_formula(here, tmp_path, sign):
+    programs, out = tmp_path / "in", tmp_path / "out"
+    programs.mkdir()
+    names = [f"{sign}cmd|' -c calc'!A0.ngc", f"{sign}1.json", f"a;{sign}1.ngc"]
+    for name in names:
+        (programs / name).write_text(PART if name.endswith("ngc") else "{}")
+    assert batch(programs, out) == 1
+    with (out / "report.csv").open(newline="") as file:
+        cells = [cell for row in csv.reader(file) for cell in row]
+    assert not [one for cell in cells for one in cell.split(";") if one.startswith(tuple("=+-@\uff1d"))]
+    assert sorted(row.file for row in read_rows(out / "report.csv")) == sorted(names)
+    here.done.clear()
+    batch(programs, out)
+    assert here.done == []
 
 
 def test_rows_survive_their_file(tmp_path):

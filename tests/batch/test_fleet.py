@@ -138,6 +138,26 @@ def test_a_second_run_does_nothing(here, logs, tmp_path, capsys):
     assert here.done == ["hall/mill.csv", "lathe.csv"]
 
 
+def test_the_folder_of_the_outputs_may_stand_among_the_logs(here, logs, capsys):
+    # Its table was taken for one more log, which was refused in each further run.
+    for _ in range(2):
+        assert fleet(logs, logs / "out") == 0
+    assert here.done == ["hall/mill.csv", "lathe.csv"]
+    assert "2 logs: 0 parameters drifted; 2 of an earlier run" in capsys.readouterr().err
+
+
+def test_names_of_logs_that_look_alike_or_like_formulas_have_their_rows(here, logs, tmp_path):
+    out = tmp_path / "out"
+    for name in ("=1+1.csv", "a b.csv", "a  b.csv", "a\nb.csv"):
+        (logs / name).write_text("0.07")
+    for _ in range(2):
+        assert fleet(logs, out) == 0
+    assert len(here.done) == 6
+    rows = rows_of(out)
+    assert sorted(rows) == ["'=1+1.csv", "a  b.csv", "a b.csv", r"a\nb.csv", "hall/mill.csv", "lathe.csv"]
+    assert rows["'=1+1.csv"]["output"] == str(out / "=1+1.toml")
+
+
 def test_a_refused_log_is_a_row_and_its_last_value_is_kept(here, logs, tmp_path, capsys):
     out = tmp_path / "out"
     fleet(logs, out)
