@@ -8,6 +8,7 @@ import logging
 import math
 import signal
 import tempfile
+import threading
 import time
 import warnings
 from collections import deque
@@ -342,30 +343,51 @@ def open_workers(count: int, scheduler: str | None = None) -> Iterator[Workers]:
                 local_directory=folder,
                 silence_logs=logging.CRITICAL,
             )
-        stack.enter_context(cluster)
+            stack.enter_context(cluster)
         client = stack.enter_context(Client(cluster, set_as_default=False))
         yield Workers(client, "this computer", ALONE)
 
 
 def _silence() -> None:
     """Keep Dask from writing on standard error: what is to be known is said in one line."""
-    for name in ["distributed", *logging.root.manager.loggerDict]:
-        if name.partition(".")[0] == "distributed":
+    for name in ["distributed", "asyncio", *logging.root.manager.loggerDict]:
+        if name.partition(".")[0] in ("distributed", "asyncio"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 @contextlib.contextmanager
 def _without_interrupts() -> Iterator[None]:
-    """Start threads and processes that Ctrl-C does not reach, as this process ends them; it waits for its end here."""
+    """Start threads and processes that Ctrl-C does not reach, as this process ends them; it waits for its end here.
+
+    So does SIGTERM, which reaches them.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     resource_tracker.ensure_running()  # which lets Ctrl-C through in the thread that starts it
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    with _later(signal.SIGTERM):
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextlib.contextmanager
+def _later(number: int) -> Iterator[None]:
+    """Put off what a signal does; a mask would do so in the processes that are started, too."""
+    before = signal.getsignal(number)
+    if before is None or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    signal.signal(number, lambda *_: came.append(number))
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(number, before)
+        if came:
+            signal.raise_signal(number)
 
 
 @contextlib.contextmanager

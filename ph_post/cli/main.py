@@ -7,6 +7,7 @@ import gc
 import importlib
 import keyword
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
@@ -47,6 +48,9 @@ COMPLETE_VARIABLE = "_PH_POST_COMPLETE"
 
 OBJECTS_BETWEEN_COLLECTIONS = 200_000
 """New objects after which Python looks for cycles. What a start makes is hardly more, and nearly all of it stays."""
+
+INTERRUPTED = 130
+"""Exit status of a command that Ctrl-C has ended."""
 
 _HELP_PAGE = getattr(click.exceptions, "NoArgsIsHelpError", ())
 """How newer click says that nothing but its name was given; older ones print the help page themselves."""
@@ -92,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         return _show_or_refuse(error)
     except (click.Abort, KeyboardInterrupt):
-        return _refuse("interrupted; nothing more was written", status=130)
+        return _refuse("interrupted; nothing more was written", status=INTERRUPTED)
     except OSError as error:
         if state.get("debug"):
             traceback.print_exc()
@@ -130,7 +134,10 @@ def _process(arguments: Sequence[str]) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     atexit.register(gc.freeze)  # a process that ends has no use for a last look at them
-    return main(arguments)
+    status = main(arguments)
+    if status == INTERRUPTED:  # it ends already, and what ends with it is not to be broken off
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return status
 
 
 def _refuse_stream(error: OSError) -> int:

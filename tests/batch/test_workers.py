@@ -148,6 +148,31 @@ def test_a_scheduler_and_two_workers_of_which_one_is_killed(start_batch, tmp_pat
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "times", "word"),
+    [(signal.SIGTERM, 1, "starting workers"), (signal.SIGINT, 3, "preparing the workers")],
+    ids=["SIGTERM while workers start", "Ctrl-C again and again"],
+)
+def test_a_batch_that_is_stopped_says_no_more_than_that(start_batch, tmp_path, number, times, word):
+    # Dask, which was broken off while it started or ended its processes, wrote 30 lines of its own.
+    folder, out = fill(tmp_path / "in", 4, bad=0), tmp_path / "out"
+    run = start_batch(folder, out, "--workers", "2")
+    said = ""
+    while word not in said:
+        line = run.stderr.readline()
+        assert line, said
+        said += line
+    for _ in range(times):
+        os.kill(run.pid, number)
+        time.sleep(0.3)
+    said += run.communicate(timeout=PATIENCE)[1]
+    assert run.returncode in (130, -signal.SIGINT), said
+    assert "Traceback" not in said
+    assert said.splitlines()[-1] == "ph-post: interrupted; nothing more was written"
+    assert not out.exists()
+
+
+@pytest.mark.slow
 def test_ctrl_c_stops_at_once_and_a_second_run_goes_on(start_batch, tmp_path):
     folder, out = fill(tmp_path / "in", 60, bad=0), tmp_path / "out"
     run = start_batch(folder, out, "--workers", "1")
