@@ -43,6 +43,13 @@ class InputError(PhPostError):
         self.excerpt = excerpt
 
 
+def is_interrupt(error: BaseException | None) -> bool:
+    """Return whether Ctrl-C is behind an error: where it comes in compiled code, numba raises one of its own."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
 def printable(text: str) -> str:
     r"""Return a text as a terminal shows it, a column a character: what is in a file may steer a terminal.
 

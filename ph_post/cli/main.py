@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import click
 
-from ph_post.errors import PhPostError
+from ph_post.errors import PhPostError, is_interrupt
 
 COMMANDS = (
     "convert",
@@ -96,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         return _show_or_refuse(error)
     except (click.Abort, KeyboardInterrupt):
-        return _refuse("interrupted; nothing more was written", status=INTERRUPTED)
+        return _interrupted()
     except OSError as error:
         if state.get("debug"):
             traceback.print_exc()
@@ -109,7 +109,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if state.get("debug"):
             traceback.print_exc()
-        return _refuse(f"internal error: {type(error).__name__}: {error}; --debug shows where")
+        internal = f"internal error: {type(error).__name__}: {error}; --debug shows where"
+        return _interrupted() if is_interrupt(error) else _refuse(internal)
     return result if isinstance(result, int) else 0
 
 
@@ -138,6 +139,10 @@ def _process(arguments: Sequence[str]) -> int:
     if status == INTERRUPTED:  # it ends already, and what ends with it is not to be broken off
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     return status
+
+
+def _interrupted() -> int:
+    return _refuse("interrupted; nothing more was written", status=INTERRUPTED)
 
 
 def _refuse_stream(error: OSError) -> int:

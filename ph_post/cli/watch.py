@@ -20,7 +20,7 @@ from ph_post.cli.conversion import conversion_lines, converted, silenced
 from ph_post.cli.outputs import refuse_bad_suffix
 from ph_post.dialects.declaration import is_written_here
 from ph_post.dialects.registry import find_dialect
-from ph_post.errors import InputError, PhPostError
+from ph_post.errors import InputError, PhPostError, is_interrupt
 from ph_post.files.storage import HIDDEN, JOB_ENDINGS, SourceBytes, make_folder, read_raw, write_atomically
 from ph_post.progress import no_progress
 
@@ -247,6 +247,8 @@ class Watcher:
         except PhPostError as error:
             words = f"ph-post: {error}"
         except Exception as error:
+            if is_interrupt(error):
+                raise KeyboardInterrupt from None
             words = f"ph-post: {name}: internal error: {type(error).__name__}: {error}"
         else:
             return

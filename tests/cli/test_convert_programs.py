@@ -199,6 +199,23 @@ def test_a_crash_leaves_the_original_or_the_finished_file(circle, capfdbinary, m
     assert [one.name for one in circle.parent.iterdir()] == ["circle.ngc"]
 
 
+def break_off(*_arguments, **_named):
+    """Raise what numba raises where Ctrl-C comes while compiled code runs."""
+    try:
+        raise KeyboardInterrupt
+    except KeyboardInterrupt as error:
+        raise SystemError("CPUDispatcher(...) returned a result with an exception set") from error
+
+
+def test_ctrl_c_in_compiled_code_is_no_internal_error(circle, capfdbinary, monkeypatch):
+    from ph_post.api import plan_search
+
+    monkeypatch.setattr(plan_search, "apply_edits", break_off)
+    status, _, said = run(capfdbinary, "convert", circle, *ROOMY, "--in-place")
+    assert (status, said) == (130, "ph-post: interrupted; nothing more was written\n")
+    assert circle.read_bytes() == CIRCLE
+
+
 def test_a_program_that_does_not_pass_is_not_written(circle, tmp_path, capfdbinary, monkeypatch):
     from ph_post.api import plan_search
 

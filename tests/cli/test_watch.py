@@ -274,3 +274,20 @@ def test_what_cannot_be_watched_is_told_in_a_line(folders, tmp_path, capsys):
         lines = capsys.readouterr().err.splitlines()
         assert len(lines) == 1
         assert said in lines[0]
+
+
+def test_ctrl_c_in_compiled_code_ends_the_watch(folders, monkeypatch, capsys):
+    # It counted as an error of the file, which was not converted again, and the watch went on.
+    source, target = folders
+    (source / "part.ngc").write_text(SLOT)
+
+    def break_off(*_arguments, **_named):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise SystemError("CPUDispatcher(...) returned a result with an exception set") from error
+
+    monkeypatch.setattr(watch, "converted", break_off)
+    monkeypatch.setattr(watch, "POLL", 0.0)
+    assert main(["convert", "--watch", str(source), "-m", "router", "-o", str(target), "--settle", "0.1"]) == 0
+    assert capsys.readouterr().err.endswith("stopped; 0 converted, 0 refused\n")
