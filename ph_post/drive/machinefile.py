@@ -27,6 +27,7 @@ from ph_post.errors import InputError
 from ph_post.files.check import checked, one_line, one_of, parse_toml, place, quoted
 from ph_post.files.machine import (
     CASCADE_KEYS,
+    MOST_LOST,
     PLANNER_KEYS,
     SINGLE_KEYS,
     AxisRecord,
@@ -395,6 +396,9 @@ def _gap(given: _Given, ratio: float | None, travel: float | None) -> Gap:
     lost = given.agreed(("backlash_motor_rad", at_axis), ("lost_motion_mm", in_metres))
     if lost is None:
         raise given.missing("lost_motion_mm", "lost_motion_mm or backlash_motor_rad (0 if there is no backlash)")
+    if lost > MOST_LOST * MM:
+        got = f"{lost / MM:.6g} mm"
+        raise given.refuse("backlash_motor_rad", "out of range", f"<= {MOST_LOST} mm at the axis", got)
     if record.gravity_side is not None:
         lost, angle = 0.0, None  # it never opens
     if angle is None and travel is not None and ratio is not None:

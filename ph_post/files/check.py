@@ -253,6 +253,8 @@ def shown(value: Any) -> str:
     """Show what stands in a file, on one line and never long."""
     if isinstance(value, str):
         return quoted(value)
+    if isinstance(value, Refused):
+        return value.got
     if isinstance(value, bool) or value is None:
         return {True: "true", False: "false", None: "null"}[value]
     if isinstance(value, Fraction):

@@ -18,6 +18,9 @@ NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Fraction01 = Annotated[float, msgspec.Meta(gt=0, lt=1)]
 Relative = Annotated[float, msgspec.Meta(ge=0, lt=1)]
 
+MOST_LOST: Final = 100
+"""Largest lost motion of a linear axis [mm]."""
+
 
 class MachineTableRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of the tables of a machine file: a key that is not known is refused."""
@@ -122,7 +125,7 @@ class AxisRecord(MachineTableRecord, frozen=True, kw_only=True):
     r: Positive | None = None
     # the gap, and the motor alone in it
     backlash_motor_rad: NotNegative | None = None
-    lost_motion_mm: Annotated[float, msgspec.Meta(ge=0, le=100)] | None = None
+    lost_motion_mm: Annotated[float, msgspec.Meta(ge=0, le=MOST_LOST)] | None = None
     inertia_fraction: Fraction01 | None = None
     motor_time_constant_s: Positive | None = None
     pickup: Literal["standstill", "momentum", "contact"] | None = None
@@ -169,7 +172,7 @@ class RotaryRecord(FurtherRecord, frozen=True, kw_only=True):
 class SlideRecord(FurtherRecord, frozen=True, kw_only=True):
     """``[axes.U]``, ``V`` and ``W``."""
 
-    lost_motion_mm: Annotated[float, msgspec.Meta(ge=0, le=100)]
+    lost_motion_mm: Annotated[float, msgspec.Meta(ge=0, le=MOST_LOST)]
     max_velocity_mm_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e6)]
     max_acceleration_mm_s2: Annotated[float, msgspec.Meta(ge=1e-2, le=1e9)]
     max_jerk_mm_s3: Annotated[float, msgspec.Meta(ge=1e-2, le=1e12)] = 1e12
