@@ -259,10 +259,8 @@ def shown(value: Any) -> str:
         return {True: "true", False: "false", None: "null"}[value]
     if isinstance(value, Fraction):
         return f"{value.numerator / value.denominator:.12g}"
-    if isinstance(value, list | tuple):
-        return f"a list of {len(value)}"
-    if isinstance(value, dict):
-        return "a table of keys"
+    if isinstance(value, list | tuple | dict):
+        return "a table of keys" if isinstance(value, dict) else f"a list of {len(value)}"
     text = str(value)
     return text if len(text) <= 40 else f"{text[:37]}..."
 
