@@ -89,11 +89,11 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
     except InputError as error:
         line = re.fullmatch(r".*:([0-9]+):[0-9]+", error.where)
         words = text.splitlines()[int(line[1]) - 1] if line else ""
-        inside = re.search(r"\[(.*)\]", words)
-        if inside and re.search(r"[0-9],[0-9]|;|,\s*,|(?<![0-9])\.[0-9]", inside[1]):
+        begin, end = words.find("["), words.rfind("]")
+        if 0 <= begin < end and re.search(r"[0-9],[0-9]|;|,\s*,|(?<![0-9])\.[0-9]", words[begin:end]):
             expected = "decimal points, and a comma between numbers: [0.02, 0.5, 0.12]"
-            raise InputError(error.where, "no list of numbers", expected=expected, got=inside[0]) from None
-        if not re.search(r"^\s*\[+(dial|cut)\b", text, re.MULTILINE):
+            raise InputError(error.where, "no list of numbers", expected=expected, got=words[begin : end + 1]) from None
+        if not re.search(r"^[ \t]*\[+(dial|cut)\b", text, re.MULTILINE):
             expected = "readings.toml, which ph-post calibrate --without-log writes"
             raise InputError(error.where, "not a file of readings", expected=expected, got=quoted(words)) from None
         raise
