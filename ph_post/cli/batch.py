@@ -55,11 +55,12 @@ def command(
     All part programs and path files of FOLDER, and of the folders inside it, are compensated as by `convert`, to the
     same bytes. They keep their names in the folder of -o (part.json becomes part.ngc, part.gcode or part.mpf as the
     dialect has it); for several machines each machine has a folder there, named as its file. --feed,
-    --corner-tolerance, --safe-z, --depth and --feed-mode are for path files.
+    --corner-tolerance, --safe-z, --depth and --feed-mode are for path files. Links to folders are not followed.
 
     Beside them stand report.csv, with a row for each program and machine, the same as report.parquet where pyarrow is
     installed, and report.html for people. Rows are written as results come. A program that is refused is a row with
-    the reason; it does not stop the others. What a worker was at that dies is given to another.
+    the reason; it does not stop the others. What a worker was at that dies is given to another. Of names, line ends
+    and bytes that are no text stand as \\n and \\xff; in report.csv a ' stands before what a spreadsheet would compute.
 
     After Ctrl-C, the same command goes on where it stopped; where nothing has changed it does nothing. What counts are
     the contents of program and machine file, the options and the version of ph-post. A program that is already there,

@@ -123,7 +123,7 @@ def _argument(argument: click.Argument) -> str:
     choices = argument.type.choices if isinstance(argument.type, click.Choice) else ()
     word = argument.metavar or "|".join(map(str, choices)) or str(argument.name).upper()
     word = word if argument.required or word.startswith("[") else f"[{word}]"
-    return word if argument.nargs == 1 else f"{word}..."
+    return word if argument.nargs == 1 or word.endswith("...") else f"{word}..."
 
 
 def _table(rows: list[str]) -> list[str]:
