@@ -41,7 +41,8 @@ def command(folder: str, machine: str | None, output: str, as_json: bool, **how:
     Each log of LOGS (.csv, .mat, .npz, .parquet) is that of a machine with its name: of lathe.csv `identify` makes
     lathe.toml in the folder of -o. Beside them stands drift.csv, with a row for each parameter of each axis: its value
     and standard error, those of the run before, and whether it has drifted: by more than three standard errors of
-    the difference. Names stand there as in the report of `batch`. For the next run put new logs under the same names in place of the old ones.
+    the difference. Names stand there as in the report of `batch`. For the next run put new logs under the same
+    names in place of the old ones.
 
     A log that is refused is a row with the reason. What an earlier run has done, of the same log, machine file,
     options and version, is not done again. Logs go to the processes of this computer, or to the workers of a Dask
