@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import click
 
-from ph_post.errors import PhPostError, is_interrupt
+from ph_post.errors import PhPostError, is_interrupt, printable
 
 COMMANDS = (
     "convert",
@@ -170,7 +170,7 @@ def _usage_line(error: click.ClickException) -> str:
 
 
 def _refuse(message: str, status: int = 2, excerpt: str = "") -> int:
-    print(f"ph-post: {' '.join(message.split())}", file=sys.stderr)  # noqa: T201 - the one line on stderr
+    print(f"ph-post: {printable(' '.join(message.split()))}", file=sys.stderr)  # noqa: T201 - the one line on stderr
     if excerpt:
         print(excerpt, file=sys.stderr)  # noqa: T201 - and the place it is about
     return status

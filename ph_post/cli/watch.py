@@ -20,7 +20,7 @@ from ph_post.cli.conversion import conversion_lines, converted, silenced
 from ph_post.cli.outputs import refuse_bad_suffix
 from ph_post.dialects.declaration import is_written_here
 from ph_post.dialects.registry import find_dialect
-from ph_post.errors import InputError, PhPostError, is_interrupt
+from ph_post.errors import InputError, PhPostError, is_interrupt, printable
 from ph_post.files.storage import HIDDEN, JOB_ENDINGS, SourceBytes, make_folder, read_raw, write_atomically
 from ph_post.progress import no_progress
 
@@ -345,4 +345,4 @@ def _bytes(place: pathlib.Path) -> bytes:
 
 
 def _say(words: str) -> None:
-    click.echo(words, err=True)
+    click.echo(printable(" ".join(words.split("\n"))), err=True)

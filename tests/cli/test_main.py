@@ -505,3 +505,10 @@ def test_a_command_has_one_thread_for_its_matrices_where_nobody_says_otherwise(t
     command = [sys.executable, "-c", code, "--version"]
     found = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert found.stdout.splitlines()[-1] == (threads or "1")
+
+
+def test_a_name_does_not_steer_the_terminal(tmp_path, capsys):
+    place = tmp_path / "a\x1b[2J\x07\nb.ngc"
+    status, out, err = run(capsys, "convert", str(place), "-m", "router")
+    assert (status, out) == (2, "")
+    assert err == f"ph-post: {tmp_path}/a?[2J? b.ngc: no such file\n"
