@@ -15,6 +15,7 @@ from ph_post.api.options import CompensateOptions
 from ph_post.api.results import AxisReversals, MotionResult, ReversalCount
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan_warnings import PASSED_SLOWER
+from ph_post.compensate.strategies.registry import find_traits
 from ph_post.dialects.base import Dialect
 from ph_post.errors import NotCompensatedError
 from ph_post.expand.writing import EXPANDED
@@ -263,8 +264,12 @@ def _of_axis(axis: str | None, why: str) -> str:
     return f"{axis}'s {why.removeprefix('its ')}" if axis and why.startswith("its ") else why
 
 
-def left_words(rows: Sequence[AxisReversals], warnings: Sequence[str], notes: Sequence[str]) -> str:
+def left_words(
+    rows: Sequence[AxisReversals], warnings: Sequence[str], notes: Sequence[str], strategy: str = "auto"
+) -> str:
     """Say what is not compensated, why, and what would change that; nothing where all is compensated.
+
+    Where nobody knows why, it is the time for a `strategy` that chooses, and else the strategy itself.
 
     Examples
     --------
@@ -287,7 +292,9 @@ def left_words(rows: Sequence[AxisReversals], warnings: Sequence[str], notes: Se
     whys = list(dict.fromkeys(_of_axis(match["axis"] if several else None, match["why"]) for match in found))
     whys.sort(key=lambda why: "--" not in why)
     reasons = "; ".join(whys[:REASONS]) if missed else ""
-    if missed and not reasons:
+    if missed and not reasons and not find_traits(strategy).chooses:
+        reasons = f"strategy {strategy} does not compensate them here; auto may"
+    elif missed and not reasons:
         slower = any(PASSED_SLOWER in word for word in warnings)
         better = "better than less feed does" if slower else "better"
         reasons = f"nothing that was tried makes the part {better} in the time allowed; a larger --max-slowdown may"

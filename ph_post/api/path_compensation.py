@@ -150,7 +150,7 @@ class PathCompensation(Compensation):
     @property
     def not_compensated(self) -> str:
         """What is not compensated, why, and what would change that; empty where all is."""
-        return left_words(self.axis_reversals, self.reasons(self.output), self.notes)
+        return left_words(self.axis_reversals, self.reasons(self.output), self.notes, self.options.chosen_strategy)
 
     def reasons(self, output: PlanOutput) -> tuple[str, ...]:
         """Say why reversals are not compensated in an output, or not enough: sentences, with others among them."""

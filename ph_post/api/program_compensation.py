@@ -166,7 +166,7 @@ class ProgramCompensation(Compensation):
         """What is not compensated, why, and what would change that; empty where all is."""
         if self.output == "table":
             return self.longest.not_compensated
-        return left_words(self.axis_reversals, self.reasons, self.passed_through)
+        return left_words(self.axis_reversals, self.reasons, self.passed_through, self.options.chosen_strategy)
 
     @property
     def reasons(self) -> tuple[str, ...]:

@@ -126,7 +126,7 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
             holes=path.shifted.hole_errors,
         )
     shifted = _shifted(path.edited) if isinstance(path, ProgramCompensation) else ()
-    found = _counted(found or ResultSummary(), rows, warnings, notes, shifted)
+    found = _counted(found or ResultSummary(), rows, warnings, notes, shifted, path.options.chosen_strategy)
     if isinstance(path, ProgramCompensation) and isinstance(path.after, ProgramMotion):
         return _with_places(found, path.after, path.places)
     return found
@@ -234,6 +234,7 @@ def _counted(
     warnings: Sequence[str],
     notes: tuple[str, ...],
     shifted: Sequence[str] = (),
+    strategy: str = "auto",
 ) -> ResultSummary:
     """Add to the errors and times of a summary which reversals are compensated.
 
@@ -244,7 +245,7 @@ def _counted(
         found,
         axes=tuple(sorted(axes, key=lambda axis: (axis not in AXES, axis))),
         reversals=ReversalCount(compensated=sum(row.compensated for row in rows), all=sum(row.all for row in rows)),
-        left=left_words(rows, warnings, notes),
+        left=left_words(rows, warnings, notes, strategy),
     )
 
 

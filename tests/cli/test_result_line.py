@@ -179,6 +179,8 @@ def test_less_feed_that_helps_is_said_where_nothing_else_does() -> None:
     row, slower = AxisReversals(axis="Y", compensated=0, all=2, cut=2), passing_warnings([1.0, 0.55])
     assert "nothing that was tried makes the part better than less feed does" in left_words([row], slower, ())
     assert "nothing that was tried makes the part better in the time" in left_words([row], (), ())
+    # Of --strategy none and of a dip where the backlash is outside of the loop it advised more time.
+    assert left_words([row], (), (), "suppress").endswith("strategy suppress does not compensate them here; auto may")
 
 
 def test_a_program_that_is_compensated_already_ends_with_its_line(
