@@ -31,7 +31,7 @@ from ph_post.compensate.plan import make_plan
 from ph_post.files.path import read_path
 from ph_post.types import Gap, Servo
 
-pytestmark = pytest.mark.drawn(2)
+pytestmark = pytest.mark.drawn(4)
 
 KNOWN = "backlash_uncertainty = 0.005\nfriction_uncertainty = 0.005\n"
 """What a diagnosed file says of its uncertainties."""

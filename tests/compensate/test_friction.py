@@ -36,7 +36,7 @@ from ph_post.files.storage import or_shipped
 from ph_post.geometry.curves import Arc
 from ph_post.types import Cascade, Command, EffectSetting, FrictionChange, Servo
 
-pytestmark = pytest.mark.drawn(2)
+pytestmark = pytest.mark.drawn(4)
 
 UM = 1e-6
 

@@ -27,7 +27,7 @@ from ph_post.simulate.contour import Nominal, first_counted
 from ph_post.simulate.machine import simulate
 from ph_post.types import Command, Plan, Scenario
 
-pytestmark = pytest.mark.drawn(2)
+pytestmark = pytest.mark.drawn(4)
 
 
 def analysis_of(path: str, machine: str) -> Analysis:

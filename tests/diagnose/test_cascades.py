@@ -25,7 +25,7 @@ from tests.support.plants.axis import Plant as PlantOfTests
 from tests.support.plants.loops import follow
 from tests.support.plants.tracks import Track
 
-pytestmark = pytest.mark.drawn(2)
+pytestmark = pytest.mark.drawn(4)
 
 KNOWN = Drive(tn=12e-3, velocity=0.95)
 SHORT = ((0.02, 0.4), (0.004, 0.15), (0.01, 0.25))

@@ -16,7 +16,7 @@ from ph_post.types import AxisLog, Log, Machine
 from tests.support.cascade_plant import Drive, motor_of, play, pushed
 from tests.support.cascade_records import machine_of, moves
 
-pytestmark = pytest.mark.drawn(2)
+pytestmark = pytest.mark.drawn(4)
 
 Array = NDArray[np.float64]
 T = 1e-3 * np.arange(8000)

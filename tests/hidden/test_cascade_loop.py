@@ -20,7 +20,7 @@ from tests.support.cascade_plant import Drive, motor_of, play
 from tests.support.cascade_records import averaged, machine_of, record
 from tests.support.played import play_program
 
-pytestmark = pytest.mark.drawn(2)
+pytestmark = pytest.mark.drawn(4)
 
 DRIVE, GAP, FRICTION = Drive(tn=12e-3, velocity=0.95), 4e-5, 0.3
 OTHERS = (

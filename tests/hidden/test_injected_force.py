@@ -13,7 +13,7 @@ import pytest
 import ph_post as ph
 from ph_post.types import Array
 
-pytestmark = pytest.mark.drawn(2)
+pytestmark = pytest.mark.drawn(4)
 
 MASS, STIFFNESS, DAMPING = 95.0, 1.37e6, 8557.0
 VISCOUS, FRICTION, LOAD = 203.0, 20.4, -3.2

@@ -15,7 +15,7 @@ from tests.support.plants.courses import draw_course
 from tests.support.plants.loops import PERIOD
 from tests.support.plants.readings import Observer, Sensor
 
-pytestmark = pytest.mark.drawn(2)
+pytestmark = pytest.mark.drawn(4)
 
 Floats = NDArray[np.float64]
 B, C = 6.5e-5, 6.5e-3

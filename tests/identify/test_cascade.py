@@ -26,7 +26,7 @@ from tests.support.plants.score import left_by_identify
 from tests.support.plants.sizes import with_effect
 from tests.support.plants.trials import Trial
 
-pytestmark = pytest.mark.drawn(2)
+pytestmark = pytest.mark.drawn(4)
 
 CASES = [
     (0.0, 0.0, "motor"),

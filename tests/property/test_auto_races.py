@@ -7,6 +7,8 @@ from long.races import AS_GOOD, JOBS, RESOLVED, SEED, race
 from support.amount import sample
 from support.random_jobs import KINDS
 
+pytestmark = pytest.mark.drawn(4)
+
 PAIRS = JOBS
 """tests/long tries them all."""
 
