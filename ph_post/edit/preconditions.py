@@ -171,8 +171,11 @@ def why_lifted(program: PartProgram) -> str:
 
     G10 lifts it by Z of M207, and G11 comes down (Marlin, "M207").
     """
-    lift = None if program.language.bound is None else _LIFT.search(line_fed(program.data))
-    if lift is None or _RETRACTED.search(line_fed(program.data), lift.end()) is None:
+    if program.language.bound is None or b"207" not in program.data:
+        return ""
+    data = line_fed(program.data)
+    lift = _LIFT.search(data)
+    if lift is None or _RETRACTED.search(data, lift.end()) is None:
         return ""
     line = int(np.searchsorted(program.lines, np.int32(lift.end() - 1), side="right")) - 1
     return f"by M207 in {program.line_words(line)} the firmware lifts it at each G10 and comes down at G11"

@@ -182,7 +182,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     def hidden(self, data: bytes) -> bytes:
         """Return a program's text as the reader of RS274/NGC is to have it."""
         if self.spindles and b"$" in data:
-            data = _SPINDLE_LINE.sub(lambda line: _SPINDLE.sub(lambda one: b" " * len(one[0]), line[0]), data)
+            data = _SPINDLE_LINE.sub(lambda line: blanked(_SPINDLE, line[0]), data)
         return data if self.hide is None else self.hide(data)
 
     def m_effect(self) -> NDArray[np.int8]:
